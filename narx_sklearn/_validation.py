@@ -1,0 +1,161 @@
+"""Checks at the public edge, and the few scikit-learn names they lean on."""
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils.validation import check_array, check_consistent_length
+
+_UNIT = re.compile(r"^\s*(.*?)\s*\[([^\]]*)\]\s*$")
+_NOT_WORD = re.compile(r"\W+")
+
+
+def split_unit(label: str) -> tuple[str, str | None]:
+    """Split a column label such as ``"drive [V]"`` into name and unit."""
+    match = _UNIT.match(str(label))
+    return (match.group(1), match.group(2)) if match else (str(label).strip(), None)
+
+
+def signal_names(labels: Iterable, letter: str) -> tuple[str, ...]:
+    """Return names fit for terms: from the labels when they are texts, else ``u`` or ``u1, u2, ...``.
+
+    Parameters
+    ----------
+    labels : iterable of str or int
+        Column labels; anything but texts counts as unnamed.
+    letter : str
+        The field's letter for this kind of signal.
+
+    Raises
+    ------
+    ValueError
+        If two labels give the same name.
+    """
+    labels = list(labels)
+    if not all(isinstance(label, str) for label in labels):
+        return (letter,) if len(labels) == 1 else tuple(f"{letter}{i + 1}" for i in range(len(labels)))
+    names = []
+    for label in labels:
+        name = _NOT_WORD.sub("_", split_unit(label)[0]).strip("_") or letter
+        names.append(name if not name[0].isdigit() else f"{letter}_{name}")
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise ValueError(
+            f"The columns {labels} give the same signal name {sorted(repeated)} in terms; rename a column."
+        )
+    return tuple(names)
+
+
+def column_labels(data) -> list | None:
+    """Return the labels of a DataFrame or the name of a Series, None for other containers."""
+    if hasattr(data, "columns"):
+        return list(data.columns)
+    name = getattr(data, "name", None)
+    if hasattr(data, "iloc") and name is not None:
+        return [name]
+    return None
+
+
+def as_signals(data, name: str) -> np.ndarray:
+    """Return ``data`` as a float64 array of shape (n_samples, n_signals); NaN marks gaps.
+
+    Raises
+    ------
+    ValueError
+        If it is not numeric, has more than two axes, or holds infinities.
+    """
+    if np.ndim(data) == 1:
+        data = np.asarray(data).reshape(-1, 1)
+    return check_array(
+        data,
+        dtype=np.float64,
+        ensure_all_finite="allow-nan",
+        order="C",
+        ensure_min_samples=1,
+        ensure_min_features=0,
+        input_name=name,
+    )
+
+
+def check_lags(lags, name: str, *, smallest: int) -> tuple[int, ...]:
+    """Return lags as a sorted tuple: an integer n means ``smallest`` to n, a list means itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a lag is no integer or lies below ``smallest``.
+    """
+    if isinstance(lags, Integral) and not isinstance(lags, bool):
+        if lags < smallest and lags != 0:
+            raise ValueError(
+                f"{name}={lags} ends before the shortest lag allowed, {smallest}; pass at least {smallest} "
+                "or an explicit list of lags."
+            )
+        return tuple(range(smallest, int(lags) + 1))
+    if isinstance(lags, str) or not isinstance(lags, Iterable):
+        raise TypeError(f"{name} must be an integer or a list of integers, got {lags!r}.")
+    chosen = sorted(set(lags))
+    for lag in chosen:
+        if not isinstance(lag, Integral) or isinstance(lag, bool):
+            raise TypeError(f"{name} must hold integers, got {lag!r}.")
+        if lag < smallest:
+            raise ValueError(f"{name} holds the lag {lag}; the shortest lag allowed here is {smallest}.")
+    return tuple(int(lag) for lag in chosen)
+
+
+def session_slices(sessions, n_samples: int) -> list[slice]:
+    """Return the runs of equal labels as slices; one slice when there are no sessions.
+
+    Raises
+    ------
+    ValueError
+        If there is not one label a sample.
+    """
+    if sessions is None:
+        return [slice(0, n_samples)]
+    labels = np.asarray(sessions)
+    if labels.shape != (n_samples,):
+        raise ValueError(
+            f"sessions must hold one label a sample, shape ({n_samples},), got shape {labels.shape}."
+        )
+    edges = np.flatnonzero(labels[1:] != labels[:-1]) + 1
+    bounds = np.concatenate([[0], edges, [n_samples]])
+    return [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
+
+
+def finite_slices(pieces: Sequence[slice], finite: np.ndarray) -> list[slice]:
+    """Cut ``pieces`` at samples that are not finite and return the runs between them."""
+    if finite.all():
+        return list(pieces)
+    runs = []
+    for piece in pieces:
+        inside = np.concatenate([[False], finite[piece], [False]])
+        edges = np.flatnonzero(inside[1:] != inside[:-1])
+        runs += [
+            slice(piece.start + int(a), piece.start + int(b))
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
+    return runs
+
+
+def finite_rows(data: np.ndarray) -> np.ndarray:
+    """Tell for each row of ``data``, shape (n_samples, n_signals), whether all of it is finite."""
+    finite = np.ones(data.shape[0], dtype=bool)
+    for column in data.T:  # by columns: numpy reduces short rows slowly
+        finite &= np.isfinite(column)
+    return finite
+
+
+def check_same_length(**arrays) -> None:
+    """Raise a ValueError unless all arrays have the same number of samples."""
+    check_consistent_length(*(array for array in arrays.values() if array is not None))
+
+
+def check_choice(value, name: str, choices: Iterable[str]) -> str:
+    """Return ``value`` if it is among ``choices``; else raise a ValueError that lists them."""
+    choices = tuple(choices)
+    if value not in choices:
+        raise ValueError(f"{name}={value!r} is not known; choose one of {', '.join(map(repr, choices))}.")
+    return value

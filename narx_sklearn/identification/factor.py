@@ -1,0 +1,141 @@
+"""The compressed record: the triangular factor of [Psi, Y], all that selection and estimation need.
+
+R has the inner products of the tall regressor matrix without squaring its condition number. Factors of
+parts of a record merge, column subsets and column combinations of R are factors again; so every model
+size, criterion, fold and constraint is worked out on R, whatever the number of samples was.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack, qr
+
+from narx_sklearn.identification.regressors import Candidates
+
+__all__ = ["Factor", "compress"]
+
+PANEL_COLUMNS = 32  # width of LAPACK's panels: wide enough for matrix products, narrow enough for the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """Upper triangular R with R'R = [Psi, Y]'[Psi, Y].
+
+    Attributes
+    ----------
+    R : ndarray of shape (n_rows, n_terms + n_outputs)
+        The factor; the outputs are its last columns. Its diagonal is not negative.
+    n_outputs : int
+        Number of outputs.
+    n_samples : int
+        Number of samples it stands for.
+    """
+
+    R: np.ndarray
+    n_outputs: int
+    n_samples: int
+
+    @property
+    def n_terms(self) -> int:
+        """Number of regressors."""
+        return self.R.shape[1] - self.n_outputs
+
+    @property
+    def Psi(self) -> np.ndarray:
+        """The regressors' columns of R."""
+        return self.R[:, : self.n_terms]
+
+    def target(self, output: int = 0) -> np.ndarray:
+        """Return the column of R that belongs to an output."""
+        return self.R[:, self.n_terms + output]
+
+    @classmethod
+    def of(cls, Psi: np.ndarray, Y: np.ndarray) -> "Factor":
+        """Compress a regressor matrix, shape (n_samples, n_terms), and outputs."""
+        Y = Y.reshape(Psi.shape[0], -1)
+        return cls(_triangle(np.column_stack([Psi, Y])), Y.shape[1], Psi.shape[0])
+
+    @classmethod
+    def empty(cls, n_terms: int, n_outputs: int) -> "Factor":
+        """Return the factor of no samples."""
+        return cls(np.zeros((0, n_terms + n_outputs)), n_outputs, 0)
+
+    def merge(self, other: "Factor") -> "Factor":
+        """Return the factor of both records together."""
+        if self.R.shape[1] != other.R.shape[1] or self.n_outputs != other.n_outputs:
+            raise ValueError(
+                f"Factors of {self.n_terms} and {other.n_terms} regressors cannot be merged; both must come "
+                "from the same candidate terms."
+            )
+        n_samples = self.n_samples + other.n_samples
+        return Factor(_triangle(np.vstack([self.R, other.R])), self.n_outputs, n_samples)
+
+    def scaled(self, weight: float) -> "Factor":
+        """Return the factor with every squared sum multiplied by ``weight``, as forgetting does."""
+        return Factor(self.R * np.sqrt(weight), self.n_outputs, self.n_samples)
+
+    def combine(self, T: np.ndarray) -> "Factor":
+        """Return the factor of [Psi, Y] T for a square or tall matrix of column combinations."""
+        return Factor(_triangle(self.R @ T), self.n_outputs, self.n_samples)
+
+    def subset(self, columns: Iterable[int]) -> "Factor":
+        """Return the factor of some regressors (and all outputs)."""
+        chosen = [*columns, *range(self.n_terms, self.R.shape[1])]
+        return Factor(_triangle(self.R[:, chosen]), self.n_outputs, self.n_samples)
+
+    def sum_of_squares(self, output: int = 0) -> float:
+        """Return y'y of an output."""
+        column = self.target(output)
+        return float(column @ column)
+
+
+def compress(parts: Iterable[Candidates]) -> Factor:
+    """Compress candidates to their factor, one pass over the data.
+
+    Parameters
+    ----------
+    parts : iterable of Candidates
+        The same terms on one or more recordings or pieces of a recording.
+
+    Returns
+    -------
+    Factor
+
+    """
+    total: Factor | None = None
+    for part in parts:
+        factor = _compress_part(part)
+        total = factor if total is None else total.merge(factor)
+    if total is None:
+        raise ValueError("There are no data to compress.")
+    return total
+
+
+def _compress_part(part: Candidates) -> Factor:
+    # Householder on [R; block], block after block: R stays triangular, the rows of the block vanish
+    n_columns = len(part.library) + len(part.layout.outputs)
+    R = np.zeros((n_columns, n_columns), order="F")
+    size = max(2 * n_columns, 512)
+    nb = min(PANEL_COLUMNS, n_columns)
+    for block in part.blocks(size):
+        rows = np.asfortranarray(block.T)
+        R, _, _, info = lapack.dtpqrt(0, nb, R, rows, overwrite_a=1, overwrite_b=1)
+        if info != 0:  # pragma: no cover - LAPACK reports illegal arguments only
+            raise RuntimeError(f"LAPACK tpqrt failed with info={info}.")
+    return Factor(_positive(np.triu(R)), len(part.layout.outputs), part.n_rows)
+
+
+def _triangle(rows: np.ndarray) -> np.ndarray:
+    """Return the triangular factor of a few rows."""
+    if rows.shape[0] == 0:
+        return rows
+    (R,) = qr(rows, mode="r", check_finite=False)
+    return _positive(R[: min(R.shape)])
+
+
+def _positive(R: np.ndarray) -> np.ndarray:
+    """Make the diagonal not negative, so that equal records have equal factors."""
+    signs = np.where(np.diag(R) < 0, -1.0, 1.0)
+    return np.ascontiguousarray(R * signs[:, None])
+

@@ -1,0 +1,151 @@
+"""Candidate regressors of a recording, produced block by block and never held as a whole."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.model.kernels import NO_STEP, term_columns
+from narx_sklearn.model.recording import Layout, Recording, lay_out
+from narx_sklearn.model.terms import TermLibrary
+
+BLOCK_ROWS = 2048  # a block of a few hundred columns stays in the second-level cache
+CHUNK_ROWS = 1 << 18  # samples laid out at a time: some megabytes a channel
+
+
+class ProductPlan(NamedTuple):
+    """How to form the terms of a library with one product each.
+
+    Row ``t`` is row ``parents[t]`` (-1: none) times the variable at ``steps[t]`` in the flattened data.
+    Prefixes that the library itself lacks are formed too; ``wanted`` are the rows of its own terms.
+    """
+
+    steps: np.ndarray
+    parents: np.ndarray
+    wanted: np.ndarray
+
+    @classmethod
+    def of(cls, library: TermLibrary, channels: tuple[str, ...]) -> "ProductPlan":
+        """Plan the products of ``library`` over the named channels."""
+        table = library.table(channels)
+        distance = table.channels - table.lags * len(channels)
+        position: dict[tuple[int, ...], int] = {}
+        steps: list[int] = []
+        parents: list[int] = []
+
+        def row_of(factors: tuple[int, ...]) -> int:
+            if factors not in position:
+                parent = row_of(factors[:-1]) if len(factors) > 1 else -1
+                position[factors] = len(steps)
+                steps.append(distance[factors[-1]] if factors else NO_STEP)
+                parents.append(parent)
+            return position[factors]
+
+        wanted = [row_of(tuple(row[row >= 0])) for row in table.factors]
+        return cls(
+            np.array(steps, dtype=np.int64),
+            np.array(parents, dtype=np.int64),
+            np.array(wanted, dtype=np.int64),
+        )
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """A library of candidate terms together with the recording they are evaluated on.
+
+    Attributes
+    ----------
+    library : TermLibrary
+        The candidate terms, in the columns' order.
+    layout : Layout
+        Channels of the recording, with origin and scale.
+    recording : Recording
+        Measured channels, shifted and scaled.
+    rows : ndarray of int
+        Samples at which every candidate and every output is known.
+    """
+
+    library: TermLibrary
+    layout: Layout
+    recording: Recording
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, library: TermLibrary, layout: Layout, recording: Recording) -> "Candidates":
+        """Find the samples at which all of ``library`` and the outputs are known."""
+        table = library.table(layout.channels)
+        rows = recording.rows(table.channels, table.lags, targets=range(len(layout.outputs)))
+        return cls(library, layout, recording, rows)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of usable samples."""
+        return self.rows.size
+
+    @property
+    def targets(self) -> np.ndarray:
+        """Outputs at the usable samples, shape (n_rows, n_outputs), shifted and scaled."""
+        return self.recording.data[self.rows, : len(self.layout.outputs)]
+
+    def restrict(self, library: TermLibrary) -> "Candidates":
+        """Return other terms on the same samples."""
+        return Candidates(library, self.layout, self.recording, self.rows)
+
+    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[np.ndarray]:
+        """Yield the regressors and then the outputs as rows of an array, shape (n_terms + n_outputs, size).
+
+        The array is used again for the next block; copy what is to be kept.
+        """
+        plan = ProductPlan.of(self.library, self.layout.channels)
+        n_outputs = len(self.layout.outputs)
+        flat = self.recording.data.reshape(-1)
+        n_channels = len(self.layout.channels)
+        products = np.empty((plan.steps.size, size))
+        in_place = np.array_equal(plan.wanted, np.arange(plan.steps.size))
+        block = np.empty((len(self.library) + n_outputs, size))
+        for begin in range(0, self.n_rows, size):
+            rows = self.rows[begin : begin + size]
+            if in_place:
+                term_columns(flat, n_channels, rows, plan.steps, plan.parents, block)
+            else:
+                term_columns(flat, n_channels, rows, plan.steps, plan.parents, products)
+                np.take(products, plan.wanted, axis=0, out=block[: len(self.library)], mode="clip")
+            for i in range(n_outputs):
+                block[len(self.library) + i, : rows.size] = self.recording.data[rows, i]
+            yield block[:, : rows.size]
+
+    def matrix(self) -> np.ndarray:
+        """Return all regressors at once, shape (n_rows, n_terms): for small problems and tests."""
+        n_terms = len(self.library)
+        Psi = np.empty((self.n_rows, n_terms))
+        begin = 0
+        for block in self.blocks():
+            Psi[begin : begin + block.shape[1]] = block[:n_terms].T
+            begin += block.shape[1]
+        return Psi
+
+
+def chunks(
+    library: TermLibrary, layout: Layout, X: np.ndarray, y: np.ndarray, sessions=None, size: int = CHUNK_ROWS
+) -> Iterator[Candidates]:
+    """Yield the candidates of a long recording piece by piece, each sample once.
+
+    Consecutive pieces overlap by the longest lag, so that no regressor is lost at an edge. phi regressors
+    that remember further back need the whole recording, which is then one piece.
+    """
+    n_samples = X.shape[0]
+    reach = {p.name: p.reach for p in layout.phi}
+    overlap = max((v.lag + reach.get(v.signal, 0) for v in library.variables), default=0)
+    whole = n_samples <= size or any(p.has_memory for p in layout.phi)
+    step = n_samples if whole else size
+    labels = None if sessions is None else np.asarray(sessions)
+    for begin in range(0, n_samples, step):
+        first = max(begin - overlap, 0)
+        part = slice(first, min(begin + step, n_samples))
+        inside = None if labels is None else labels[part]
+        recording = lay_out(layout, X[part], y[part], inside)
+        found = Candidates.of(library, layout, recording)
+        yield Candidates(library, layout, recording, found.rows[found.rows >= begin - first])
+
+

@@ -1,0 +1,376 @@
+"""Term selection on a compressed record: forward ERR, floating search, iterated search.
+
+All of them return the best set of terms they found for every number of terms; which number to take is
+the criterion's business. On the factor R every inner product of the data is at hand, so that one step of
+any search costs the same whatever the number of samples was.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from narx_sklearn._validation import check_choice
+from narx_sklearn.identification.criteria import information_criterion
+from narx_sklearn.identification.factor import Factor
+
+__all__ = ["SEARCHES", "SelectionPath", "criterion_minima", "err_order", "search_terms", "size_window"]
+
+# A regressor whose part orthogonal to the chosen ones is smaller than this is collinear to rounding.
+COLLINEARITY = 1e-11
+# Relative gain below which two sets count as equally good: well above rounding, far below any criterion.
+IMPROVEMENT = 1e-9
+# Share of y'y at which a residual is rounding and cannot be reduced any more.
+EXACT = 1e-26
+
+
+@dataclass(frozen=True)
+class SelectionPath:
+    """The best set of terms found for each number of terms.
+
+    Attributes
+    ----------
+    supports : tuple of tuple of int
+        ``supports[n]`` are the indices of the best ``n`` terms, in the order of their ERR.
+    rss : ndarray of shape (n_sizes,)
+        Sum of squared one-step residuals of each; ``rss[0]`` is y'y.
+    n_samples : int
+        Number of samples.
+    n_candidates : int
+        Number of terms they were chosen from.
+    collinear : tuple of int
+        Terms left out because they are collinear, to rounding, with terms chosen before them.
+    """
+
+    supports: tuple[tuple[int, ...], ...]
+    rss: np.ndarray
+    n_samples: int
+    n_candidates: int
+    collinear: tuple[int, ...] = ()
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Numbers of terms, 0 to the longest."""
+        return np.arange(len(self.supports))
+
+    def criterion(self, name: str) -> np.ndarray:
+        """Return an information criterion for every size."""
+        return information_criterion(name, self.rss, self.n_samples, self.sizes, self.n_candidates)
+
+    def best_size(self, name: str) -> int:
+        """Return the size at the criterion's global minimum (not where it first rises)."""
+        return int(np.argmin(self.criterion(name)))
+
+
+class _Projection:
+    """Columns of R split into their parts within and orthogonal to the span of chosen columns."""
+
+    def __init__(self, factor: Factor, output: int):
+        norms = np.linalg.norm(factor.Psi, axis=0)
+        self.usable = norms > 0
+        # unit columns: what is chosen must not depend on the units of the terms
+        self.P = factor.Psi / np.where(self.usable, norms, 1.0)
+        self.y = factor.target(output)
+
+    def gains(self, support: list[int]) -> tuple[float, np.ndarray]:
+        """Return the residual's square for ``support`` and what each other column would take off it."""
+        P_rest, y_rest, _, _ = self._split(support)
+        return float(y_rest @ y_rest), self._gain(P_rest, y_rest, support)
+
+    def swaps(self, support: list[int]) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the residual's square, its growth on each removal, and the residual of every swap.
+
+        ``swapped[i, j]`` belongs to column ``support[i]`` replaced by column ``j``. With w_i the part of a
+        chosen column orthogonal to the other chosen ones, removing it gives every column back its part
+        along w_i: all swaps come from one product W'P.
+        """
+        P_rest, y_rest, Q, T = self._split(support)
+        W = Q @ solve_triangular(T, np.eye(len(support)), trans="T", check_finite=False)
+        W /= np.linalg.norm(W, axis=0)
+        along = W.T @ self.P
+        removed = (W.T @ self.y) ** 2
+        squares = np.einsum("ij,ij->j", P_rest, P_rest)[None] + along**2
+        products = (y_rest @ P_rest)[None] + along * (W.T @ self.y)[:, None]
+        open_ = squares > COLLINEARITY**2
+        gain = np.where(open_, products**2 / np.where(open_, squares, 1.0), 0.0)
+        gain[:, support] = 0.0
+        rss = float(y_rest @ y_rest)
+        return rss, removed, rss + removed[:, None] - gain
+
+    def collinear(self, support: list[int]) -> tuple[int, ...]:
+        """Return the columns that lie in the span of ``support`` to rounding."""
+        P_rest, _, _, _ = self._split(support)
+        flat = np.linalg.norm(P_rest, axis=0) <= COLLINEARITY
+        flat[support] = False
+        return tuple(int(j) for j in np.flatnonzero(flat & self.usable))
+
+    def _split(self, support: list[int]):
+        if not support:
+            return self.P, self.y, np.zeros((self.P.shape[0], 0)), np.zeros((0, 0))
+        Q, T = qr(self.P[:, support], mode="economic", check_finite=False)
+        P_rest = self.P - Q @ (Q.T @ self.P)
+        P_rest -= Q @ (Q.T @ P_rest)  # the second pass removes what rounding left of the first
+        y_rest = self.y - Q @ (Q.T @ self.y)
+        y_rest = y_rest - Q @ (Q.T @ y_rest)
+        return P_rest, y_rest, Q, T
+
+    def _gain(self, P_rest, y_rest, support) -> np.ndarray:
+        squares = np.einsum("ij,ij->j", P_rest, P_rest)
+        open_ = self.usable & (squares > COLLINEARITY**2)
+        open_[support] = False
+        return np.where(open_, (y_rest @ P_rest) ** 2 / np.where(open_, squares, 1.0), -1.0)
+
+
+class _Best:
+    """The best set seen of each size."""
+
+    def __init__(self, rss_without_terms: float):
+        self.rss = [rss_without_terms]
+        self.supports: list[tuple[int, ...]] = [()]
+        self.floor = EXACT * rss_without_terms
+
+    def improves(self, size: int, rss: float) -> bool:
+        """Tell whether ``rss`` is better than the best of that size by more than rounding."""
+        return rss < self.rss[size] * (1.0 - IMPROVEMENT) - self.floor
+
+    def record(self, support: list[int], rss: float) -> bool:
+        """Keep ``support`` if it is the best of its size; tell whether it is."""
+        size = len(support)
+        if size == len(self.rss):
+            self.rss.append(rss)
+            self.supports.append(tuple(support))
+            return True
+        if self.improves(size, rss):
+            self.rss[size] = rss
+            self.supports[size] = tuple(support)
+            return True
+        return False
+
+
+def _forward(projection: _Projection, n_terms: int, start: list[int], best: _Best) -> None:
+    """Add the term of the largest ERR, again and again (2.42)."""
+    support = list(start)
+    while len(support) < n_terms:
+        rss, gains = projection.gains(support)
+        if support and len(support) >= len(best.rss):
+            best.record(support, rss)
+        if gains.max(initial=-1.0) <= 0.0 or rss <= best.floor:
+            return
+        support.append(int(np.argmax(gains)))
+        best.record(support, max(rss - float(gains[support[-1]]), 0.0))
+
+
+def _floating(projection: _Projection, n_terms: int, start: list[int], best: _Best) -> None:
+    """Forward steps; after each, removals and swaps as long as they beat the best set of that size."""
+    support = list(start)
+    while len(support) < n_terms:
+        rss, gains = projection.gains(support)
+        if gains.max(initial=-1.0) <= 0.0 or rss <= best.floor:
+            return
+        support.append(int(np.argmax(gains)))
+        _settle(projection, support, best)
+
+
+def _settle(projection: _Projection, support: list[int], best: _Best) -> None:
+    """Improve ``support`` in place by swaps, and look back at smaller sets by removals."""
+    for _ in range(100 + 10 * len(support)):  # far above what was ever needed; guards against a cycle
+        rss, removed, swapped = projection.swaps(support)
+        best.record(support, rss)
+        i, j = np.unravel_index(np.argmin(swapped), swapped.shape)
+        if swapped[i, j] < rss * (1.0 - IMPROVEMENT) - best.floor:
+            support[i] = int(j)
+            continue
+        drop = int(np.argmin(removed))
+        if len(support) > 2 and best.improves(len(support) - 1, rss + removed[drop]):
+            del support[drop]
+            continue
+        return
+
+
+def _iterated(projection: _Projection, n_terms: int, start: list[int], best: _Best) -> None:
+    """Floating search from several first terms: those of the best sets so far, until nothing improves."""
+    _floating(projection, n_terms, start, best)
+    tried: set[int] = set()
+    while True:
+        before = list(best.rss)
+        _, gains = projection.gains([])
+        strongest = [int(j) for j in np.argsort(-gains)[:5]]
+        starts = [j for j in dict.fromkeys([*best.supports[-1], *strongest]) if j not in tried]
+        for first in starts:
+            tried.add(first)
+            trial = _Best(best.rss[0])
+            _forward(projection, n_terms, [first], trial)
+            for support in trial.supports[1:]:
+                _settle(projection, list(support), best)
+        if before == best.rss or not starts:
+            return
+
+
+SEARCHES = {"forward": _forward, "floating": _floating, "iterated": _iterated}
+
+
+def search_terms(
+    factor: Factor, n_terms: int, *, search: str = "floating", output: int = 0, forced: tuple[int, ...] = ()
+) -> SelectionPath:
+    """Find good sets of terms of every size up to ``n_terms``.
+
+    Parameters
+    ----------
+    factor : Factor
+        The compressed record of all candidates.
+    n_terms : int
+        Largest number of terms to look for.
+    search : {"forward", "floating", "iterated"}, default="floating"
+        ``"forward"``: the term of the largest error reduction ratio next, never looking back (2.40-2.43).
+        ``"floating"``: forward steps with removals and swaps after each. ``"iterated"``: floating from
+        several first terms.
+    output : int, default=0
+        Which output.
+    forced : tuple of int, default=()
+        Terms that belong to every set.
+
+    Returns
+    -------
+    SelectionPath
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.identification import Factor, search_terms
+    >>> Psi = np.random.default_rng(0).normal(size=(50, 4))
+    >>> path = search_terms(Factor.of(Psi, Psi[:, 2] + 0.5 * Psi[:, 0]), n_terms=3)
+    >>> path.supports[2]
+    (2, 0)
+    """
+    check_choice(search, "search", SEARCHES)
+    n_terms = min(n_terms, factor.n_terms, max(factor.n_samples - 1, 0))
+    projection = _Projection(factor, output)
+    if forced:
+        projection.y, projection.P = _project_out(projection, list(forced))
+    best = _Best(float(projection.y @ projection.y))
+    SEARCHES[search](projection, n_terms - len(forced), [], best)
+    supports = [(*forced, *_by_gain(projection, list(support))) for support in best.supports]
+    collinear = projection.collinear(list(best.supports[-1]))
+    if forced:
+        collinear = tuple(j for j in collinear if j not in forced)
+        supports = [()] * len(forced) + supports
+        rss = np.array([factor.sum_of_squares(output)] * len(forced) + best.rss)
+    else:
+        rss = np.array(best.rss)
+    return SelectionPath(tuple(supports), rss, factor.n_samples, factor.n_terms, collinear)
+
+
+def _project_out(projection: _Projection, forced: list[int]):
+    P_rest, y_rest, _, _ = projection._split(forced)
+    norms = np.linalg.norm(P_rest, axis=0)
+    projection.usable = projection.usable & (norms > COLLINEARITY)
+    projection.usable[forced] = False
+    return y_rest, np.where(projection.usable, P_rest / np.where(norms > 0, norms, 1.0), 0.0)
+
+
+def _by_gain(projection: _Projection, support: list[int]) -> list[int]:
+    """Order the terms of a set by their ERR within it."""
+    chosen: list[int] = []
+    rest = list(support)
+    while rest:
+        _, gains = projection.gains(chosen)
+        chosen.append(rest.pop(int(np.argmax(gains[rest]))))
+    return chosen
+
+
+def err_order(factor: Factor, support, *, output: int = 0) -> tuple[tuple[int, ...], np.ndarray]:
+    """Order a set of terms by ERR within it and return the ratios (2.42).
+
+    Parameters
+    ----------
+    factor : Factor
+        The compressed record.
+    support : sequence of int
+        Indices of the terms.
+    output : int, default=0
+        Which output.
+
+    Returns
+    -------
+    order : tuple of int
+        The same indices, the largest ERR first, each with those before it taken into account.
+    err : ndarray of shape (len(support),)
+        Error reduction ratios; they add up to ``1 - rss / y'y``.
+    """
+    projection = _Projection(factor, output)
+    total = factor.sum_of_squares(output)
+    order: list[int] = []
+    err: list[float] = []
+    rest = list(support)
+    while rest:
+        _, gains = projection.gains(order)
+        pick = rest.pop(int(np.argmax(gains[rest])))
+        order.append(pick)
+        err.append(max(float(gains[pick]), 0.0) / total if total > 0 else 0.0)
+    return tuple(order), np.array(err)
+
+
+def criterion_minima(values, *, flat: float = 1e-3) -> list[int]:
+    """Return the sizes at local minima of a criterion, step 2 of the thesis's section 5.2.1.1.
+
+    Where several sizes in a row leave the criterion practically unchanged, the first of them counts.
+
+    Parameters
+    ----------
+    values : array-like of shape (n_sizes,)
+        The criterion for sizes 0, 1, 2, ...
+    flat : float, default=1e-3
+        Change from one size to the next, relative to the range of ``values``, that counts as none.
+
+    Returns
+    -------
+    list of int
+        At least one size.
+
+    Examples
+    --------
+    >>> from narx_sklearn.identification import criterion_minima
+    >>> criterion_minima([9, 5, 3, 4, 2, 2.5])
+    [2, 4]
+    """
+    values = np.asarray(values, dtype=float)
+    finite = values[np.isfinite(values)]
+    tolerance = flat * (finite.max() - finite.min()) if finite.size else 0.0
+    minima = []
+    for size in range(1, values.size):
+        falls_into = values[size] < values[size - 1]
+        last = size == values.size - 1
+        rises_after = last or values[size + 1] >= values[size]
+        flat_after = not last and abs(values[size + 1] - values[size]) <= tolerance
+        flat_before = abs(values[size] - values[size - 1]) <= tolerance
+        if falls_into and (rises_after or flat_after) and not (flat_before and minima):
+            minima.append(size)
+    return minima or [int(np.argmin(values))]
+
+
+def size_window(minima: list[int], n_max: int, *, reach: int = 2, first: int = 2) -> list[int]:
+    """Return the sizes worth a free run: round the first minima, step 3 of section 5.2.1.1.
+
+    Parameters
+    ----------
+    minima : list of int
+        Sizes at local minima of the criterion.
+    n_max : int
+        Largest size.
+    reach : int, default=2
+        Sizes on either side of a minimum.
+    first : int, default=2
+        How many minima.
+
+    Returns
+    -------
+    list of int
+
+    Examples
+    --------
+    >>> from narx_sklearn.identification import size_window
+    >>> size_window([9, 12, 17], n_max=20)
+    [7, 8, 9, 10, 11, 12, 13, 14]
+    """
+    sizes = {s for m in minima[:first] for s in range(m - reach, m + reach + 1)}
+    return sorted(s for s in sizes if 1 <= s <= n_max)
