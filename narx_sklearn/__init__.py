@@ -1,3 +1,25 @@
-"""Gray-box polynomial NARX models of real machines, as scikit-learn estimators."""
+"""Gray-box polynomial NARX models of real machines, as scikit-learn estimators.
+
+Names are imported when they are first used, so that importing the package costs next to nothing.
+"""
+
+from importlib import import_module
 
 __version__ = "0.1.0.dev0"
+
+_HOMES = {
+    "NARXRegressor": "identification",
+    "NARXRegressorCV": "identification",
+}
+
+__all__ = ["__version__", *sorted(_HOMES)]
+
+
+def __getattr__(name: str):
+    if name in _HOMES:
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return __all__

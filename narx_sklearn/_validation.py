@@ -48,6 +48,14 @@ def signal_names(labels: Iterable, letter: str) -> tuple[str, ...]:
     return tuple(names)
 
 
+def signal_units(names: Sequence[str], labels: Sequence | None) -> dict[str, str]:
+    """Return the units that the labels of the named signals carry."""
+    if labels is None:
+        return {}
+    units = ((name, split_unit(label)[1]) for name, label in zip(names, labels, strict=True))
+    return {name: unit for name, unit in units if unit}
+
+
 def column_labels(data) -> list | None:
     """Return the labels of a DataFrame or the name of a Series, None for other containers."""
     if hasattr(data, "columns"):

@@ -100,6 +100,6 @@ def information_criterion(name: str, rss, n_samples: int, n_parameters, n_candid
     check_choice(name, "criterion", CRITERIA)
     if name == "ebic" and n_candidates is None:
         raise ValueError("The criterion 'ebic' needs n_candidates, the number of terms chosen from.")
-    rss = np.maximum(np.asarray(rss, dtype=float), np.finfo(float).tiny)
+    rss = np.maximum(np.asarray(rss, dtype=float), np.finfo(float).tiny)  # infinite stays infinite
     k = np.asarray(n_parameters, dtype=float)
     return n_samples * np.log(rss / n_samples) + CRITERIA[name](float(n_samples), k, n_candidates)

@@ -138,4 +138,3 @@ def _positive(R: np.ndarray) -> np.ndarray:
     """Make the diagonal not negative, so that equal records have equal factors."""
     signs = np.where(np.diag(R) < 0, -1.0, 1.0)
     return np.ascontiguousarray(R * signs[:, None])
-

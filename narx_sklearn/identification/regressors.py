@@ -147,5 +147,3 @@ def chunks(
         recording = lay_out(layout, X[part], y[part], inside)
         found = Candidates.of(library, layout, recording)
         yield Candidates(library, layout, recording, found.rows[found.rows >= begin - first])
-
-

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from narx_sklearn._validation import check_choice
+from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.factor import Factor
 
@@ -21,7 +22,7 @@ COLLINEARITY = 1e-11
 # Relative gain below which two sets count as equally good: well above rounding, far below any criterion.
 IMPROVEMENT = 1e-9
 # Share of y'y at which a residual is rounding and cannot be reduced any more.
-EXACT = 1e-26
+EXACT = 1e-24
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class SelectionPath:
     Attributes
     ----------
     supports : tuple of tuple of int
-        ``supports[n]`` are the indices of the best ``n`` terms, in the order of their ERR.
+        ``supports[n]`` are the indices of the best ``n`` terms, in the order in which they were found; see
+        `err_order` for that of their ERR.
     rss : ndarray of shape (n_sizes,)
         Sum of squared one-step residuals of each; ``rss[0]`` is y'y.
     n_samples : int
@@ -54,8 +56,9 @@ class SelectionPath:
         return np.arange(len(self.supports))
 
     def criterion(self, name: str) -> np.ndarray:
-        """Return an information criterion for every size."""
-        return information_criterion(name, self.rss, self.n_samples, self.sizes, self.n_candidates)
+        """Return an information criterion for every size; residuals that are rounding count as equal."""
+        rss = np.maximum(self.rss, EXACT * self.rss[0])
+        return information_criterion(name, rss, self.n_samples, self.sizes, self.n_candidates)
 
     def best_size(self, name: str) -> int:
         """Return the size at the criterion's global minimum (not where it first rises)."""
@@ -210,7 +213,12 @@ SEARCHES = {"forward": _forward, "floating": _floating, "iterated": _iterated}
 
 
 def search_terms(
-    factor: Factor, n_terms: int, *, search: str = "floating", output: int = 0, forced: tuple[int, ...] = ()
+    factor: Factor,
+    n_terms: int,
+    *,
+    search: str = "floating",
+    output: int = 0,
+    constraints: LinearConstraints | None = None,
 ) -> SelectionPath:
     """Find good sets of terms of every size up to ``n_terms``.
 
@@ -226,8 +234,9 @@ def search_terms(
         several first terms.
     output : int, default=0
         Which output.
-    forced : tuple of int, default=()
-        Terms that belong to every set.
+    constraints : LinearConstraints, default=None
+        Equality constraints on the parameters. Terms are selected under them; the terms that a constraint
+        with a value needs belong to every set.
 
     Returns
     -------
@@ -239,43 +248,60 @@ def search_terms(
     >>> from narx_sklearn.identification import Factor, search_terms
     >>> Psi = np.random.default_rng(0).normal(size=(50, 4))
     >>> path = search_terms(Factor.of(Psi, Psi[:, 2] + 0.5 * Psi[:, 0]), n_terms=3)
-    >>> path.supports[2]
-    (2, 0)
+    >>> sorted(path.supports[2])
+    [0, 2]
     """
     check_choice(search, "search", SEARCHES)
+    if constraints is not None and len(constraints):
+        return _search_constrained(factor, n_terms, search, output, constraints)
     n_terms = min(n_terms, factor.n_terms, max(factor.n_samples - 1, 0))
     projection = _Projection(factor, output)
-    if forced:
-        projection.y, projection.P = _project_out(projection, list(forced))
-    best = _Best(float(projection.y @ projection.y))
-    SEARCHES[search](projection, n_terms - len(forced), [], best)
-    supports = [(*forced, *_by_gain(projection, list(support))) for support in best.supports]
-    collinear = projection.collinear(list(best.supports[-1]))
-    if forced:
-        collinear = tuple(j for j in collinear if j not in forced)
-        supports = [()] * len(forced) + supports
-        rss = np.array([factor.sum_of_squares(output)] * len(forced) + best.rss)
-    else:
-        rss = np.array(best.rss)
-    return SelectionPath(tuple(supports), rss, factor.n_samples, factor.n_terms, collinear)
+    best = _Best(factor.sum_of_squares(output))
+    SEARCHES[search](projection, n_terms, [], best)
+    supports = tuple(best.supports)
+    collinear = projection.collinear(list(supports[-1]))
+    return SelectionPath(supports, np.array(best.rss), factor.n_samples, factor.n_terms, collinear)
 
 
-def _project_out(projection: _Projection, forced: list[int]):
-    P_rest, y_rest, _, _ = projection._split(forced)
-    norms = np.linalg.norm(P_rest, axis=0)
-    projection.usable = projection.usable & (norms > COLLINEARITY)
-    projection.usable[forced] = False
-    return y_rest, np.where(projection.usable, P_rest / np.where(norms > 0, norms, 1.0), 0.0)
+def _search_constrained(
+    factor: Factor, n_terms: int, search: str, output: int, constraints: LinearConstraints
+) -> SelectionPath:
+    """Search with the constraints put into the regression."""
+    _, gains = _Projection(factor, output).gains([])
+    solved = constraints.eliminate(gains)
+    T = solved.columns(factor.n_terms, factor.n_outputs, output)
+    path = search_terms(factor.combine(T), n_terms, search=search, output=output)
+    by_size: dict[int, tuple[tuple[int, ...], float]] = {}
+    for chosen, rss in zip(path.supports, path.rss, strict=True):
+        support = solved.support(chosen)
+        if len(support) <= n_terms and (len(support) not in by_size or rss < by_size[len(support)][1]):
+            by_size[len(support)] = (support, rss)
+    # sizes below the constraints' own terms do not exist; they stand in the path as never worth taking
+    sizes = range(max(by_size) + 1)
+    supports = tuple(by_size[n][0] if n in by_size else () for n in sizes)
+    rss = np.array([by_size[n][1] if n in by_size else np.inf for n in sizes])
+    collinear = tuple(int(solved.rest[j]) for j in path.collinear)
+    return SelectionPath(supports, rss, factor.n_samples, factor.n_terms, collinear)
 
 
-def _by_gain(projection: _Projection, support: list[int]) -> list[int]:
-    """Order the terms of a set by their ERR within it."""
-    chosen: list[int] = []
+def _greedy(projection: _Projection, support) -> tuple[tuple[int, ...], np.ndarray]:
+    """Order a set by what each term takes off the residual after those before it; return that too."""
+    P, y = projection.P[:, list(support)].copy(), projection.y.copy()
     rest = list(support)
+    order: list[int] = []
+    taken: list[float] = []
     while rest:
-        _, gains = projection.gains(chosen)
-        chosen.append(rest.pop(int(np.argmax(gains[rest]))))
-    return chosen
+        squares = np.einsum("ij,ij->j", P, P)
+        gains = np.where(squares > COLLINEARITY**2, (y @ P) ** 2 / np.maximum(squares, 1e-300), 0.0)
+        pick = int(np.argmax(gains))
+        q = P[:, pick] / max(float(np.sqrt(squares[pick])), 1e-300)
+        order.append(rest.pop(pick))
+        taken.append(float(gains[pick]))
+        P = np.delete(P, pick, axis=1)
+        for _ in range(2):  # twice is enough for orthogonality to rounding
+            P -= np.outer(q, q @ P)
+        y = y - q * (q @ y)
+    return tuple(order), np.array(taken)
 
 
 def err_order(factor: Factor, support, *, output: int = 0) -> tuple[tuple[int, ...], np.ndarray]:
@@ -297,17 +323,9 @@ def err_order(factor: Factor, support, *, output: int = 0) -> tuple[tuple[int, .
     err : ndarray of shape (len(support),)
         Error reduction ratios; they add up to ``1 - rss / y'y``.
     """
-    projection = _Projection(factor, output)
+    order, taken = _greedy(_Projection(factor, output), support)
     total = factor.sum_of_squares(output)
-    order: list[int] = []
-    err: list[float] = []
-    rest = list(support)
-    while rest:
-        _, gains = projection.gains(order)
-        pick = rest.pop(int(np.argmax(gains[rest])))
-        order.append(pick)
-        err.append(max(float(gains[pick]), 0.0) / total if total > 0 else 0.0)
-    return tuple(order), np.array(err)
+    return order, taken / total if total > 0 else np.zeros_like(taken)
 
 
 def criterion_minima(values, *, flat: float = 1e-3) -> list[int]:

@@ -217,7 +217,7 @@ def k_steps(flat, n_channels, rows, session_start, horizon, depth, program, phis
 
 @njit(cache=True, nogil=True)
 def free_run_sensitivity(
-    flat, n_channels, first, last, program, phis, state, bound, target, weights, depth, gram, gradient
+    flat, n_channels, first, last, program, phis, state, bound, target, weights, depth, gram, gradients
 ):
     """Free run that also adds up J'J, J'r and r'r for the simulation error r = target - y.
 
@@ -234,8 +234,10 @@ def free_run_sensitivity(
         Weight of each output's squared error.
     depth : int
         Rows of history that the terms reach back to, at least 1.
-    gram, gradient : ndarray of shape (n_terms, n_terms) and (n_terms,)
-        Written (added to): J'WJ and J'Wr.
+    gram : ndarray of shape (n_terms, n_terms)
+        Added to: the lower triangle of J'WJ.
+    gradients : ndarray of shape (n_windows, n_terms)
+        Added to: J'Wr, summed over each of ``n_windows`` equal stretches of the run.
 
     Returns
     -------
@@ -254,10 +256,12 @@ def free_run_sensitivity(
     for p in range(n_phi):
         moving[phis.channels[p]] = True
     slopes = np.empty(3)
+    inner = np.zeros((n_channels, depth + 1))  # dF/d(channel at lag) of the equation at hand
     loss = 0.0
     for k in range(first, last):
         base = k * n_channels
         slot = k % (depth + 1)
+        window = (k - first) * gradients.shape[0] // (last - first)
         ring[slot] = 0.0
         for output in range(n_outputs):
             total = 0.0
@@ -277,10 +281,16 @@ def free_run_sensitivity(
                         for g in range(begin, end):
                             if g != f:
                                 slope *= flat[base + program.factor_step[g]]
-                        lag = (channel - step) // n_channels
-                        past = ring[(k - lag) % (depth + 1), channel]
-                        for q in range(n_terms):
-                            own[q] += slope * past[q]
+                        inner[channel, (channel - step) // n_channels] += slope
+            for channel in range(n_channels):
+                if moving[channel]:
+                    for lag in range(1, depth + 1):
+                        slope = inner[channel, lag]
+                        if slope != 0.0:
+                            inner[channel, lag] = 0.0
+                            past = ring[(k - lag) % (depth + 1), channel]
+                            for q in range(n_terms):
+                                own[q] += slope * past[q]
             if not abs(total) <= bound:
                 return k, loss
             flat[base + output] = total
@@ -289,7 +299,7 @@ def free_run_sensitivity(
                 loss += weights[output] * residual * residual
                 for q in range(n_terms):
                     scaled = weights[output] * own[q]
-                    gradient[q] += scaled * residual
+                    gradients[window, q] += scaled * residual
                     for s in range(q + 1):
                         gram[q, s] += scaled * own[s]
         for p in range(n_phi):

@@ -376,6 +376,6 @@ def replace_name(phi: Phi, name: str) -> Phi:
 
 def as_polynomial(side: "str | Polynomial | Mapping") -> Polynomial:
     """Return a right-hand side as a polynomial, reading texts."""
-    return (
-        Polynomial.parse(side) if isinstance(side, str) else Polynomial(getattr(side, "coefficients", side))
-    )
+    if isinstance(side, Polynomial):
+        return side
+    return Polynomial.parse(side) if isinstance(side, str) else Polynomial(side)

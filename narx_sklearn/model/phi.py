@@ -120,6 +120,13 @@ class Phi:
 class Difference(Phi):
     """First difference, ``s[k] - s[k-1]`` (4.2).
 
+    Parameters
+    ----------
+    signal : str
+        The signal.
+    name : str or None, default=None
+        Its name in terms.
+
     Examples
     --------
     >>> from narx_sklearn.model import Difference
@@ -141,7 +148,21 @@ class Difference(Phi):
 
 @dataclass(frozen=True)
 class DifferenceSign(Phi):
-    """Sign of the first difference: 1 in loading, -1 in unloading, 0 at rest (4.2)."""
+    """Sign of the first difference: 1 in loading, -1 in unloading, 0 at rest (4.2).
+
+    Parameters
+    ----------
+    signal : str
+        The signal.
+    name : str or None, default=None
+        Its name in terms.
+
+    Examples
+    --------
+    >>> from narx_sklearn.model import DifferenceSign
+    >>> DifferenceSign("u").run([0.0, 2.0, 2.0, 1.0]).tolist()
+    [0.0, 1.0, 0.0, -1.0]
+    """
 
     kind = kernels.DIFFERENCE_SIGN
 
@@ -157,7 +178,21 @@ class DifferenceSign(Phi):
 
 @dataclass(frozen=True)
 class AbsoluteDifference(Phi):
-    """Absolute first difference, ``|s[k] - s[k-1]|``."""
+    """Absolute first difference, ``|s[k] - s[k-1]|``.
+
+    Parameters
+    ----------
+    signal : str
+        The signal.
+    name : str or None, default=None
+        Its name in terms.
+
+    Examples
+    --------
+    >>> from narx_sklearn.model import AbsoluteDifference
+    >>> AbsoluteDifference("u").run([0.0, 2.0, 1.0]).tolist()
+    [0.0, 2.0, 1.0]
+    """
 
     kind = kernels.ABSOLUTE_DIFFERENCE
 
@@ -183,6 +218,12 @@ class SmoothSign(Phi):
         Difference over which the sign turns, in the unit of the signal; positive.
     name : str or None, default=None
         Its name in terms.
+
+    Examples
+    --------
+    >>> from narx_sklearn.model import SmoothSign
+    >>> SmoothSign("u", width=0.5).run([0.0, 0.0, 0.25]).round(3).tolist()
+    [0.0, 0.0, 0.462]
     """
 
     width: float = 1.0
@@ -306,7 +347,21 @@ class Play(Phi):
 
 @dataclass(frozen=True)
 class HystereticOperator(Phi):
-    """Deng and Tan's hysteretic operator with its memory of the dominant extremum (2.55)."""
+    """Deng and Tan's hysteretic operator with its memory of the dominant extremum (2.55).
+
+    Parameters
+    ----------
+    signal : str
+        The signal.
+    name : str or None, default=None
+        Its name in terms.
+
+    Examples
+    --------
+    >>> from narx_sklearn.model import HystereticOperator
+    >>> HystereticOperator("u").run([0.0, 1.0, 0.0]).tolist()
+    [0.0, 0.7853981633974483, 0.0]
+    """
 
     kind = kernels.HYSTERETIC
     reach = 0
@@ -458,7 +513,7 @@ def phi_from_dict(content: dict[str, Any], functions: dict[str, Callable] | None
 
 def _check_positive(phi: Phi, attribute: str) -> None:
     value = getattr(phi, attribute)
-    if not isinstance(value, Real) or not 0 < value < np.inf:
+    if not isinstance(value, Real) or not 0 < float(value) < np.inf:
         raise ValueError(f"{attribute} of {type(phi).__name__} must be a positive number, got {value!r}.")
     object.__setattr__(phi, attribute, float(value))
 

@@ -220,7 +220,7 @@ class Polynomial:
         """Return the sum with coefficients of ``digits`` significant digits."""
         if not self.items:
             return "0"
-        parts = []
+        parts: list[str] = []
         for term, value in self.items:
             number = f"{abs(value):.{digits}g}"
             name = str(term)
@@ -234,7 +234,7 @@ class Polynomial:
 
     def latex(self, digits: int = 5) -> str:
         """Return the sum in LaTeX."""
-        parts = []
+        parts: list[str] = []
         for term, value in self.items:
             mantissa, _, exponent = f"{abs(value):.{digits}g}".partition("e")
             number = mantissa + (rf" \times 10^{{{int(exponent)}}}" if exponent else "")

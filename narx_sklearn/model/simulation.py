@@ -25,7 +25,7 @@ from narx_sklearn.model.recording import Layout, lay_out, shift_and_scale
 
 __all__ = ["FreeRun", "free_run", "predict_k_steps", "predict_one_step", "steady_state"]
 
-SETTLING_STEPS = 100_000  # a steady state that is not reached in this many samples is not used
+SETTLING_STEPS = 1_000, 10_000, 100_000  # tried in turn; what has not settled in the last is not used
 LARGEST = np.finfo(float).max  # the end of the finite range
 
 
@@ -440,11 +440,15 @@ def steady_state(model: NARXModel, u) -> np.ndarray:
     if len(model.outputs) == 1 and not model._output_phis:
         point = _scalar_steady_state(model, u)
         return origin if point is None else origin + point
-    X = np.repeat(u[None], depth + SETTLING_STEPS, axis=0)
-    y = np.repeat(origin[None], X.shape[0], axis=0)
-    end = _simulate(layout_of(model), program_of(model), X, y, depth, LARGEST)
-    settled = end == X.shape[0] and np.allclose(y[-1], y[-2], rtol=1e-9, atol=1e-12 * np.abs(y[-1]).max())
-    return y[-1] if settled else origin
+    layout, program = layout_of(model), program_of(model)
+    for steps in SETTLING_STEPS:
+        X = np.repeat(u[None], depth + steps, axis=0)
+        y = np.repeat(origin[None], depth + steps, axis=0)
+        if _simulate(layout, program, X, y, depth, LARGEST) < X.shape[0]:
+            return origin
+        if np.allclose(y[-1], y[-2], rtol=1e-9, atol=1e-12 * np.abs(y[-1]).max()):
+            return y[-1]
+    return origin
 
 
 def _scalar_steady_state(model: NARXModel, u: np.ndarray) -> float | None:

@@ -150,7 +150,7 @@ class Term:
         """Read a term such as ``u[k-2]^2*phi2[k-1]``; ``1`` is the constant."""
         if text.strip() == "1":
             return cls()
-        factors = []
+        factors: list[tuple[Variable, int]] = []
         position = 0
         while position < len(text):
             if factors and text[position] == "*":
@@ -272,12 +272,19 @@ def as_term(term: "Term | Variable | str") -> Term:
 class TermTable(NamedTuple):
     """A library as integers, the form that kernels eat.
 
-    ``factors[t]`` lists the rows of ``channels`` and ``lags`` whose product is term ``t``, padded with -1.
+    Attributes
+    ----------
+    channels : ndarray of shape (n_variables,)
+        Channel of each distinct variable.
+    lags : ndarray of shape (n_variables,)
+        Its lag.
+    factors : ndarray of shape (n_terms, degree)
+        For each term the indices of the variables whose product it is, -1 past the end.
     """
 
-    channels: np.ndarray  # (n_variables,) channel of each distinct variable
-    lags: np.ndarray  # (n_variables,) its lag
-    factors: np.ndarray  # (n_terms, degree) indices of variables, -1 past the end
+    channels: np.ndarray
+    lags: np.ndarray
+    factors: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -366,21 +373,28 @@ class TermLibrary(Sequence):
         return TermLibrary(self.terms + tuple(other))
 
     def __and__(self, other: "TermLibrary") -> "TermLibrary":
-        return TermLibrary(term for term in self if term in other)
+        return self._ordered(term for term in self if term in other)
 
     def __sub__(self, other: "TermLibrary") -> "TermLibrary":
-        return TermLibrary(term for term in self if term not in other)
+        return self._ordered(term for term in self if term not in other)
 
     def __mul__(self, other: "TermLibrary") -> "TermLibrary":
         return TermLibrary(a * b for a in self for b in other)
 
     def filter(self, keep: Callable[[Term], bool]) -> "TermLibrary":
         """Return the terms for which ``keep`` holds."""
-        return TermLibrary(term for term in self if keep(term))
+        return self._ordered(term for term in self if keep(term))
 
     def subset(self, indices: Iterable[int]) -> "TermLibrary":
         """Return the terms at ``indices`` (in canonical order)."""
-        return TermLibrary(self.terms[i] for i in indices)
+        return self._ordered(self.terms[i] for i in sorted(set(indices)))
+
+    @classmethod
+    def _ordered(cls, terms: Iterable[Term]) -> "TermLibrary":
+        """Return the library of terms that are in canonical order already, without sorting them."""
+        library = cls.__new__(cls)
+        object.__setattr__(library, "terms", tuple(terms))
+        return library
 
     @property
     def degree(self) -> int:

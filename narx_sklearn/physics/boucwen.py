@@ -139,7 +139,7 @@ def bouc_wen(
 
     References
     ----------
-    Wen (1976), Journal of the Engineering Mechanics Division 102, 249-263; Lacerda Junior (2021), eq. (2.6).
+    Wen (1976), Journal of the Engineering Mechanics Division 102, 249-263; Abreu (2021), eq. (2.6).
 
     Examples
     --------
@@ -187,7 +187,7 @@ class BoucWenModel:
 
     References
     ----------
-    Lacerda Junior (2021), eqs. (2.6) and (5.1).
+    Abreu (2021), eqs. (2.6) and (5.1).
 
     Examples
     --------

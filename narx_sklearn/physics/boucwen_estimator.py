@@ -66,7 +66,7 @@ class BoucWen(RegressorMixin, BaseEstimator):
 
     References
     ----------
-    Wen (1976); Lacerda Junior (2021), eqs. (2.6) and (5.1); for the separation of linear and nonlinear
+    Wen (1976); Abreu (2021), eqs. (2.6) and (5.1); for the separation of linear and nonlinear
     parameters Golub and Pereyra (1973), SIAM J. Numerical Analysis 10, 413-432.
 
     Examples

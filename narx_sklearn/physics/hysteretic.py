@@ -57,7 +57,7 @@ def hysteretic_operator(u, *, memory: int = 16) -> np.ndarray:
 
     References
     ----------
-    Deng and Tan (2009), Sensors and Actuators A 149, 254-262; Lacerda Junior (2021), eq. (2.55), Remark 2.8
+    Deng and Tan (2009), Sensors and Actuators A 149, 254-262; Abreu (2021), eq. (2.55), Remark 2.8
     and Example 2.8.
 
     Examples

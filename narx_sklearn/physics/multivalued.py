@@ -88,7 +88,7 @@ def asymmetric_sign(u, *, rising=(1.0,), falling=(-1.0,), threshold: float = 0.0
 
     References
     ----------
-    Martins and Aguirre (2016); Lacerda Junior (2021), eqs. (2.56) and (2.66).
+    Martins and Aguirre (2016); Abreu (2021), eqs. (2.56) and (2.66).
 
     Examples
     --------
@@ -138,7 +138,7 @@ def fit_asymmetric_sign(
 
     References
     ----------
-    Lacerda Junior (2021), section 2.3.8.2.
+    Abreu (2021), section 2.3.8.2.
 
     Examples
     --------

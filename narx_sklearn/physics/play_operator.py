@@ -61,7 +61,7 @@ def play(u, radii, *, initial_state=None) -> np.ndarray:
 
     References
     ----------
-    Lacerda Junior (2021), eq. (2.7).
+    Abreu (2021), eq. (2.7).
 
     Examples
     --------

@@ -66,7 +66,7 @@ class PrandtlIshlinskiiOperator:
 
     References
     ----------
-    Kuhnen (2003), European Journal of Control 9, 407-418; Lacerda Junior (2021), eqs. (2.8)-(2.10).
+    Kuhnen (2003), European Journal of Control 9, 407-418; Abreu (2021), eqs. (2.8)-(2.10).
 
     Examples
     --------
@@ -252,7 +252,7 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
 
     References
     ----------
-    Kuhnen (2003), European Journal of Control 9, 407-418; Lacerda Junior (2021), eqs. (2.8)-(2.10).
+    Kuhnen (2003), European Journal of Control 9, 407-418; Abreu (2021), eqs. (2.8)-(2.10).
 
     Examples
     --------

@@ -69,7 +69,7 @@ def prfs(
 
     References
     ----------
-    Tavares (2020); Lacerda Junior (2021), eqs. (2.22)-(2.25).
+    Tavares (2020); Abreu (2021), eqs. (2.22)-(2.25).
 
     Examples
     --------

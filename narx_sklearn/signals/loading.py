@@ -49,7 +49,7 @@ def loading_unloading(
 
     References
     ----------
-    Martins and Aguirre (2016); Lacerda Junior (2021), Definition 2.8 and eq. (2.58).
+    Martins and Aguirre (2016); Abreu (2021), Definition 2.8 and eq. (2.58).
 
     Examples
     --------
@@ -125,7 +125,7 @@ def quasi_static(
 
     References
     ----------
-    Martins and Aguirre (2016); Lacerda Junior (2021), Definition 2.9.
+    Martins and Aguirre (2016); Abreu (2021), Definition 2.9.
 
     Examples
     --------

@@ -55,7 +55,7 @@ class StepTable:
 
     References
     ----------
-    Lacerda Junior (2021), section 2.3.2, Figure 2.6 and Table 2.1.
+    Abreu (2021), section 2.3.2, Figure 2.6 and Table 2.1.
     """
 
     amplitudes: tuple[float, ...]
@@ -125,7 +125,7 @@ def prvs(n_samples: int, steps: StepTable, *, u_min: float, u_max: float, random
 
     References
     ----------
-    Lacerda Junior (2021), eqs. (2.17)-(2.21).
+    Abreu (2021), eqs. (2.17)-(2.21).
 
     Examples
     --------
@@ -188,7 +188,7 @@ def hold_limits(u, y, *, share: float = 0.45, ratio: float = 2.0) -> HoldLimits:
 
     References
     ----------
-    Lacerda Junior (2021), Example 2.4 and Figure 2.7.
+    Abreu (2021), Example 2.4 and Figure 2.7.
 
     Examples
     --------
@@ -252,7 +252,7 @@ def step_table(responses: Sequence, *, share: float = 0.45, ratio: float = 2.0) 
 
     References
     ----------
-    Lacerda Junior (2021), Example 2.4.
+    Abreu (2021), Example 2.4.
 
     Examples
     --------

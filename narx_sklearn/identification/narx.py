@@ -1,0 +1,739 @@
+"""NARXRegressor: identification of polynomial NARX models as a scikit-learn estimator."""
+
+from dataclasses import replace
+from numbers import Integral, Real
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from narx_sklearn._threads import single_threaded_blas
+from narx_sklearn._validation import (
+    as_signals,
+    check_choice,
+    check_same_length,
+    column_labels,
+    session_slices,
+    signal_names,
+    signal_units,
+)
+from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
+from narx_sklearn.identification.criteria import CRITERIA, information_criterion
+from narx_sklearn.identification.estimation import recursive_least_squares
+from narx_sklearn.identification.extended import extended_least_squares
+from narx_sklearn.identification.procedure import (
+    Compressed,
+    Problem,
+    Selected,
+    build_model,
+    compress_choices,
+    compress_record,
+    estimate_terms,
+    on_library,
+    on_screened,
+    origin_choices,
+    scaled_layout,
+    select_terms,
+    stacked_constraints,
+    total_criterion,
+)
+from narx_sklearn.identification.refinement import free_run_uncertainty, refine_free_run
+from narx_sklearn.identification.regressors import Candidates, chunks
+from narx_sklearn.identification.scoring import free_run_score
+from narx_sklearn.identification.selection import SEARCHES, criterion_minima, err_order, size_window
+from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
+from narx_sklearn.identification.structure import candidate_library, structure_filter
+from narx_sklearn.identification.uncertainty import one_step_scores, parameter_uncertainty
+from narx_sklearn.model.narx import NARXModel, replace_name
+from narx_sklearn.model.recording import lay_out
+from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
+
+__all__ = ["NARXRegressor"]
+
+ESTIMATORS = ("ls", "ridge", "els", "rls")
+ORIGINS = ("auto", "zero", "mean")
+SIZES = ("criterion", "free_run")
+SEARCHED_COST = 2e11  # operations up to which the search on the simulation error uses all candidates
+
+
+class NARXRegressor(RegressorMixin, BaseEstimator):
+    """Identify a polynomial NARX model and simulate it.
+
+    The model is ``y[k] = F(y[k-1], ..., u[k-delay], ..., phi[k-1], ...)`` (2.12), F a polynomial of few
+    terms. ``fit`` chooses the terms and estimates their parameters; ``predict`` is the free run, which
+    reads the inputs and its own past outputs only; ``score`` judges the free run.
+
+    The lag of a variable is how many samples it lies in the past: ``u[k-2]`` has lag 2. The delay is the
+    smallest lag an input may have: with ``delay=1`` the input acts from the next sample on, with
+    ``delay=0`` the current sample ``u[k]`` is among the candidates::
+
+        sample        k-3     k-2     k-1      k
+        outputs      y[k-3]  y[k-2]  y[k-1]  (y[k] is computed)
+        inputs       u[k-3]  u[k-2]  u[k-1]   u[k]
+        input_lags=3, delay=1:  [1, 2, 3]           input_lags=3, delay=0:  [0, 1, 2, 3]
+        input_lags=3, delay=2:  [2, 3]              input_lags=[0, 3]:      [0, 3]
+
+    Parameters
+    ----------
+    output_lags : int, list of int, or one of these for each output, default=1
+        Lags of the outputs: n means 1 to n, a list means itself. One for each output as a list of lists
+        or a mapping from names. 0 or an empty list for none.
+    input_lags : int, list of int, or one of these for each input, default=1
+        Lags of the inputs: n means ``delay`` to n, a list means itself.
+    phi : sequence of Phi, default=()
+        Functions of inputs and outputs that are candidates like signals; see `narx_sklearn.model.Phi`.
+        Unnamed ones become ``phi1``, ``phi2``, ...
+    phi_lags : int, list of int, or one of these for each phi, default=1
+        Lags of the phi regressors, as for what they are functions of.
+    delay : int or one for each input, default=1
+        Smallest lag of the inputs where ``input_lags`` is an integer.
+    degree : int, default=2
+        Highest degree of a term.
+    structure : None, str or callable, default=None
+        Which candidate terms may be used: a named structure, or a function that takes a `Term` and
+        returns whether it is a candidate.
+    exclude : sequence of str, default=()
+        Term clusters left out, such as ``"y^2"`` or ``"y*u"`` (Def. 2.2).
+    criterion : {"ebic", "bic", "aic", "aicc", "fpe", "lilc", "khundrin"}, default="ebic"
+        Criterion that chooses the number of terms; see `information_criterion`.
+    n_terms : int, default=None
+        Number of terms; None lets the criterion choose.
+    max_terms : int, default=20
+        Largest number of terms tried.
+    search : {"floating", "forward", "iterated"}, default="floating"
+        How sets of terms are searched; ``"forward"`` is the classical ERR ordering.
+    size : {"criterion", "free_run"}, default="criterion"
+        ``"criterion"`` takes the criterion's global minimum. ``"free_run"`` takes, of the sizes round its
+        first two local minima, the one whose free run has the best criterion (section 5.2.1.1).
+    constraints : str, list of str or (S, c), default=None
+        Equality constraints on the parameters, ``"y[k-1] + y[k-2] = 1"`` (2.47); with several outputs a
+        mapping from their names. Parameters are those of the signals in their units.
+    estimator : {"ls", "ridge", "els", "rls"}, default="ls"
+        Least squares (2.46)-(2.48); with a penalty; extended, with noise terms used while fitting and
+        dropped after; recursive (2.50)-(2.52), the parameters being those after the last sample.
+    alpha : float, default=1e-6
+        Ridge penalty, relative to the mean square of each term; used by ``"ridge"``.
+    noise_lags : int, default=2
+        Lags of the noise terms of ``"els"``.
+    forgetting : float or "variable", default=1.0
+        Forgetting factor of ``"rls"``; of earlier batches in ``partial_fit``, where it must be a number.
+    refine : {"auto", True, False}, default="auto"
+        Free-run refinement. ``"auto"`` also searches the terms by their effect on the free run, and keeps
+        the result where the noise turns out to be on the output rather than in the equation (the
+        criterion of the simulation error is the smaller). True fits the chosen terms to the free run
+        whatever the noise; the fit never ends worse than it began.
+    fit_intercept : bool, default=True
+        Whether the constant term is a candidate.
+    origin : {"auto", "zero", "mean"} or mapping of {str: float}, default="auto"
+        Operating point from which signals count inside the terms. ``"auto"`` takes zero unless deviations
+        from the mean give a better criterion, as for a temperature in kelvin. What is selected does not
+        depend on units in any case.
+    sampling_period : float, default=None
+        Seconds between samples, kept in the model.
+
+    Attributes
+    ----------
+    model_ : NARXModel
+        The identified model.
+    terms_ : list of str
+        Its terms, in canonical order.
+    coef_ : ndarray of shape (n_terms,) or (n_terms, n_outputs)
+        Their parameters, in the units of the signals.
+    err_ : ndarray of shape (n_terms,) or (n_terms, n_outputs)
+        Error reduction ratio of each (2.42).
+    path_ : SelectionPath or list of SelectionPath
+        Best set and residual for every size, one for each output where there are several.
+    candidates_ : TermLibrary
+        The candidate terms (after screening, where there were many).
+    noise_ : {"equation", "output"}
+        Where the noise was taken to be.
+    refinement_ : FreeRunFit or None
+        How the free-run refinement went.
+    sigma_ : ndarray of shape (n_outputs,)
+        Standard deviation of the one-step residuals.
+    uncertainty_ : list of ParameterUncertainty
+        Covariance of the parameters of each output's terms, robust to coloured residuals.
+    n_features_in_ : int
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Names of the columns of ``X``, if they were texts.
+
+    See Also
+    --------
+    NARXRegressorCV : Choose lags, degree and size by free run on held-out folds.
+
+    References
+    ----------
+    S. Chen, S. A. Billings, W. Luo (1989) for the error reduction ratio; P. Pudil, J. Novovicova,
+    J. Kittler (1994) for floating search; J. Chen, Z. Chen (2008) for the criterion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn import NARXRegressor
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.uniform(-1, 1, size=(500, 1))
+    >>> y = np.zeros(500)
+    >>> for k in range(1, 500):
+    ...     y[k] = 0.5 * y[k - 1] + u[k - 1, 0] ** 2 + 0.01 * rng.normal()
+    >>> narx = NARXRegressor(output_lags=2, input_lags=2, degree=2).fit(u, y)
+    >>> narx.terms_
+    ['y[k-1]', 'u[k-1]^2']
+    >>> narx.coef_.round(2).tolist()
+    [0.5, 1.0]
+    """
+
+    def __init__(
+        self,
+        output_lags=1,
+        input_lags=1,
+        *,
+        phi=(),
+        phi_lags=1,
+        delay=1,
+        degree=2,
+        structure=None,
+        exclude=(),
+        criterion="ebic",
+        n_terms=None,
+        max_terms=20,
+        search="floating",
+        size="criterion",
+        constraints=None,
+        estimator="ls",
+        alpha=1e-6,
+        noise_lags=2,
+        forgetting=1.0,
+        refine="auto",
+        fit_intercept=True,
+        origin="auto",
+        sampling_period=None,
+    ):
+        self.output_lags = output_lags
+        self.input_lags = input_lags
+        self.phi = phi
+        self.phi_lags = phi_lags
+        self.delay = delay
+        self.degree = degree
+        self.structure = structure
+        self.exclude = exclude
+        self.criterion = criterion
+        self.n_terms = n_terms
+        self.max_terms = max_terms
+        self.search = search
+        self.size = size
+        self.constraints = constraints
+        self.estimator = estimator
+        self.alpha = alpha
+        self.noise_lags = noise_lags
+        self.forgetting = forgetting
+        self.refine = refine
+        self.fit_intercept = fit_intercept
+        self.origin = origin
+        self.sampling_period = sampling_period
+
+    # -- fitting ------------------------------------------------------------------------------------------
+
+    def fit(self, X, y, sessions=None):
+        """Select terms and estimate their parameters.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` give signals their names and units.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Measured outputs, aligned with ``X``. NaN marks gaps.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample: where it changes another recording begins. Lags never reach across.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not valid, or no sample has all lagged values.
+        """
+        with single_threaded_blas():
+            return self._fit(X, y, sessions)
+
+    def _fit(self, X, y, sessions):
+        self._check_parameters()
+        X, y, problem, units = self._read(X, y, sessions, reset=True)
+        constraints = self._constraints(problem)
+        choices = self._compress(problem, constraints, X, y, sessions)
+        selected = self._select_best(choices, constraints)
+        if self.size == "free_run" and self.n_terms is None:
+            selected = self._size_by_free_run(selected, problem, constraints, X, y, sessions)
+        if self.estimator in ("els", "rls"):
+            selected = [self._estimate_again(one, i, X, y, sessions) for i, one in enumerate(selected)]
+        model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
+        model, refinement, noise = self._refine(model, selected, constraints, X, y, sessions)
+        self._store(model, selected, refinement, noise)
+        self.uncertainty_ = self._uncertainty(constraints, X, y, sessions)
+        return self
+
+    def partial_fit(self, X, y, sessions=None):
+        """Add a batch of data: the compressed record grows, terms and parameters are chosen anew.
+
+        Each batch counts as a recording of its own. The origin, the scales and, for large libraries, the
+        screened candidates are those of the first batch. Free-run refinement and ``"els"`` and ``"rls"`` need
+        the raw data and are not available here.
+
+        Parameters
+        ----------
+        X, y, sessions
+            As for `fit`.
+
+        Returns
+        -------
+        self
+        """
+        self._check_parameters()
+        if self.estimator in ("els", "rls"):
+            raise ValueError(
+                f"partial_fit keeps the compressed record only, which estimator={self.estimator!r} cannot "
+                "use; choose 'ls' or 'ridge', or call fit."
+            )
+        first = not hasattr(self, "_batches")
+        X, y, problem, units = self._read(X, y, sessions, reset=first)
+        constraints = self._constraints(problem)
+        if first:
+            self._batches = self._compress(problem, constraints, X, y, sessions)
+        else:
+            keep = float(self.forgetting)
+            merged = []
+            for before in self._batches:
+                batch = compress_record(
+                    before.library, before.layout, X, y, sessions, max_terms=self._longest()
+                )
+                merged.append(replace(before, factor=before.factor.scaled(keep)).merge(batch))
+            self._batches = merged
+        selected = self._select_best(self._batches, constraints)
+        model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
+        self._store(model, selected, None, "equation")
+        self.uncertainty_ = self._uncertainty(constraints, X, y, sessions)
+        return self
+
+    def _longest(self) -> int:
+        return max(self.max_terms, self.n_terms or 0)
+
+    def _check_parameters(self) -> None:
+        check_choice(self.criterion, "criterion", CRITERIA)
+        check_choice(self.search, "search", SEARCHES)
+        check_choice(self.size, "size", SIZES)
+        check_choice(self.estimator, "estimator", ESTIMATORS)
+        for name in ("max_terms", "n_terms", "noise_lags"):
+            value = getattr(self, name)
+            if value is None and name == "n_terms":
+                continue
+            if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
+                raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
+        if not isinstance(self.alpha, Real) or not self.alpha >= 0:
+            raise ValueError(f"alpha must be a number of at least 0, got {self.alpha!r}.")
+        if self.refine not in ("auto", True, False):
+            raise ValueError(f"refine must be 'auto', True or False, got {self.refine!r}.")
+        if isinstance(self.origin, str):
+            check_choice(self.origin, "origin", ORIGINS)
+
+    def _read(self, X, y, sessions, *, reset: bool):
+        """Validate data and say what is to be identified."""
+        labels = column_labels(y)
+        input_labels = column_labels(X)
+        X = validate_data(
+            self, X, reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
+            ensure_min_features=0 if self._has_no_inputs() else 1,
+        )  # fmt: skip
+        if y is None:
+            raise ValueError("requires y to be passed, but the target y is None")
+        self._y_ndim = np.ndim(y)
+        y = as_signals(y, "y")
+        check_same_length(X=X, y=y, sessions=sessions)
+        session_slices(sessions, X.shape[0])
+        outputs = signal_names(labels if labels is not None else range(y.shape[1]), "y")
+        inputs = signal_names(input_labels if input_labels is not None else range(X.shape[1]), "u")
+        clash = set(outputs) & set(inputs)
+        if clash:
+            raise ValueError(f"{sorted(clash)} is the name of an input and of an output; rename a column.")
+        units = signal_units(outputs, labels) | signal_units(inputs, input_labels)
+        phi = tuple(
+            p if p.name is not None else replace_name(p, f"phi{i + 1}") for i, p in enumerate(self.phi)
+        )
+        library = candidate_library(
+            outputs,
+            inputs,
+            phi,
+            output_lags=self.output_lags,
+            input_lags=self.input_lags,
+            phi_lags=self.phi_lags,
+            delay=self.delay,
+            degree=self.degree,
+            include_constant=self.fit_intercept,
+            keep=structure_filter(self.structure, self.exclude, outputs, inputs, phi),
+        )
+        self._library = library
+        return X, y, Problem(outputs, inputs, phi, library), units
+
+    def _has_no_inputs(self) -> bool:
+        return isinstance(self.input_lags, list | tuple) and len(self.input_lags) == 0
+
+    def _constraints(self, problem: Problem) -> list[LinearConstraints]:
+        """Return the constraints of each output."""
+        given = self.constraints
+        if isinstance(given, dict):
+            unknown = set(given) - set(problem.outputs)
+            if unknown:
+                raise ValueError(
+                    f"constraints name {sorted(unknown)}; the outputs are {list(problem.outputs)}."
+                )
+            return [parse_constraints(given.get(output), problem.library) for output in problem.outputs]
+        if given is not None and len(problem.outputs) > 1:
+            raise ValueError(
+                "With several outputs, constraints must be a mapping from their names: "
+                f"{{{problem.outputs[0]!r}: ...}}."
+            )
+        return [parse_constraints(given, problem.library) for _ in problem.outputs]
+
+    def _compress(self, problem, constraints, X, y, sessions) -> list[Compressed]:
+        """Compress the record in the coordinates worth trying: one or two origins."""
+        return compress_choices(
+            problem,
+            scaled_layout(problem, X, y, sessions),
+            origin_choices(self.origin, problem, constraints, self.structure, self.fit_intercept),
+            lambda layout: compress_record(
+                problem.library, layout, X, y, sessions,
+                max_terms=self._longest(), constraints=stacked_constraints(constraints),
+            ),
+        )  # fmt: skip
+
+    def _select_best(self, choices: list[Compressed], constraints) -> list[Selected]:
+        """Select the terms of every output, in the coordinates where they serve best."""
+        found = ([self._select(c, i, constraints[i]) for i in range(len(constraints))] for c in choices)
+        return min(found, key=lambda selected: total_criterion(selected, self.criterion))
+
+    def _select(self, compressed: Compressed, output: int, constraints: LinearConstraints) -> Selected:
+        return select_terms(
+            compressed,
+            output,
+            search=self.search,
+            criterion=self.criterion,
+            n_terms=self.n_terms,
+            max_terms=self.max_terms,
+            constraints=on_screened(constraints, self._library, compressed.library),
+            alpha=self.alpha if self.estimator == "ridge" else 0.0,
+        )
+
+    def _size_by_free_run(self, selected, problem, constraints, X, y, sessions) -> list[Selected]:
+        """Of the sizes round the criterion's first minima take the one with the best free run."""
+        chosen = list(selected)
+        for output, one in enumerate(selected):
+            values = one.path.criterion(self.criterion)
+            window = size_window(criterion_minima(values), len(values) - 1)
+            best = np.inf
+            for size in window:
+                trial = estimate_terms(
+                    one.compressed, output, one.path, size, self.criterion,
+                    on_screened(constraints[output], self._library, one.compressed.library),
+                    self.alpha if self.estimator == "ridge" else 0.0,
+                )  # fmt: skip
+                trials = [*chosen[:output], trial, *chosen[output + 1 :]]
+                model = build_model(trials, problem)
+                value = self._free_run_criterion(model, output, X, y, sessions, len(one.compressed.library))
+                if value < best:
+                    best, chosen[output] = value, trial
+        return chosen
+
+    def _free_run_criterion(self, model, output, X, y, sessions, n_candidates) -> float:
+        fit = refine_free_run(model, X, y, sessions=sessions, max_iter=0)
+        if not np.isfinite(fit.loss):
+            return np.inf
+        return float(
+            information_criterion(self.criterion, fit.loss, fit.n_samples, model.n_terms, n_candidates)
+        )
+
+    def _estimate_again(self, one: Selected, output: int, X, y, sessions) -> Selected:
+        """Extended or recursive estimates of the terms that least squares chose."""
+        layout = one.compressed.layout
+        candidates = Candidates.of(one.library, layout, lay_out(layout, X, y, sessions))
+        if self.estimator == "els":
+            theta = extended_least_squares(candidates, output, one.theta, self.noise_lags)
+        else:
+            start = one.theta
+            estimate = recursive_least_squares(
+                candidates.matrix(), candidates.targets[:, output], forgetting=self.forgetting, theta=start
+            )
+            theta = estimate.theta
+        return replace(one, theta=theta)
+
+    def _refine(self, model, selected, constraints, X, y, sessions):
+        """Fit, or search, by the free run; return the model, how it went, and where the noise is."""
+        if self.refine is False:
+            return model, None, "equation"
+        inside = self._inside(model, selected, constraints)
+        if self.refine is True or len(selected) > 1 or self.estimator != "ls":
+            if self.refine == "auto":
+                return model, None, "equation"
+            fit = refine_free_run(
+                model, X, y, sessions=sessions, constraints=inside, horizons=self._horizons(model)
+            )
+            return fit.model, fit, "output"
+        return self._search_free_run(model, selected[0], constraints[0], X, y, sessions)
+
+    def _search_free_run(self, model, one: Selected, constraints, X, y, sessions):
+        data = FreeRunData(X, y, sessions)
+        library = one.compressed.library
+        if any(p.signals & set(model.outputs) for p in model.phi):
+            fit = refine_free_run(model, X, y, sessions=sessions, constraints=None, max_iter=30)
+        else:
+            searched = library
+            if X.shape[0] * len(library) ** 2 > SEARCHED_COST:
+                searched = library.subset(sorted({j for s in one.path.supports for j in s}))
+            fit = select_on_simulation(
+                model,
+                searched,
+                data,
+                criterion=self.criterion,
+                n_terms=self._longest() if self.n_terms is None else self.n_terms,
+                constraints=on_library(constraints, library, searched),
+            ).fit
+        if not np.isfinite(fit.loss):
+            return model, fit, "equation"
+        value = information_criterion(
+            self.criterion, fit.loss, fit.n_samples, fit.model.n_terms, len(library)
+        )
+        equation = information_criterion(
+            self.criterion,
+            one.rss * one.compressed.layout.scale[0] ** 2 * fit.n_samples / one.path.n_samples,
+            fit.n_samples,
+            len(one.support),
+            len(library),
+        )
+        exact_size = self.n_terms is None or fit.model.n_terms == model.n_terms
+        if value < equation and exact_size:
+            return fit.model, fit, "output"
+        return model, None, "equation"
+
+    @staticmethod
+    def _horizons(model: NARXModel):
+        return (10 * max(model.max_lag, 1), 100 * max(model.max_lag, 1), None)
+
+    @staticmethod
+    def _inside(model: NARXModel, selected, constraints) -> LinearConstraints | None:
+        """Return the constraints on the model's nonzero parameters, output after output."""
+        if not any(len(c) for c in constraints):
+            return None
+        rows, sides, width = [], [], int(np.count_nonzero(model.parameters))
+        begin = 0
+        for output, (one, c) in enumerate(zip(selected, constraints, strict=True)):
+            kept = [t for t, value in zip(model.library, model.parameters[:, output], strict=True) if value]
+            part = on_library(c, one.compressed.library, type(model.library)(kept))
+            if part is not None:
+                S = np.zeros((len(part), width))
+                S[:, begin : begin + len(kept)] = part.S
+                rows.append(S)
+                sides.append(part.c)
+            begin += len(kept)
+        return LinearConstraints(np.vstack(rows), np.concatenate(sides))
+
+    def _store(self, model: NARXModel, selected: list[Selected], refinement, noise: str) -> None:
+        single = len(selected) == 1
+        self.model_ = model
+        self.terms_ = model.library.names
+        self.coef_ = model.parameters[:, 0].copy() if single else model.parameters.copy()
+        err = np.zeros(model.parameters.shape)
+        for i, one in enumerate(selected):
+            kept = [t for t, value in zip(model.library, model.parameters[:, i], strict=True) if value]
+            columns = [one.compressed.library.index(term) for term in kept]
+            order, ratios = err_order(one.compressed.factor, columns, output=i)
+            for column, ratio in zip(order, ratios, strict=True):
+                err[model.library.index(one.compressed.library[column]), i] = ratio
+        self.err_ = err[:, 0] if single else err
+        self.path_ = selected[0].path if single else [one.path for one in selected]
+        self.candidates_ = selected[0].compressed.library
+        self.refinement_ = refinement
+        self.noise_ = noise
+        self._layout = selected[0].compressed.layout
+
+    def _uncertainty(self, constraints, X, y, sessions):
+        """Covariances from the residuals of what was fitted: one step, or free run."""
+        model = self.model_
+        found, sigma = [], []
+        one_step = predict_one_step(model, X, y, sessions=sessions)
+        for output in range(len(model.outputs)):
+            kept = type(model.library)(
+                t for t, value in zip(model.library, model.parameters[:, output], strict=True) if value
+            )
+            inside = on_library(constraints[output], self.candidates_, kept)
+            residual = (y - one_step)[:, output]
+            known = np.isfinite(residual)
+            spare = max(int(known.sum()) - len(kept), 1)
+            sigma.append(np.sqrt(np.sum(residual[known] ** 2) / spare))
+            if self.noise_ == "output" and len(model.outputs) == 1:
+                found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
+                continue
+            layout = self._layout
+            scales = Compressed(kept, layout, None).parameter_scales(kept, output)  # type: ignore[arg-type]
+            theta = model.parameters[[model.library.index(t) for t in kept], output] / scales
+            parts = list(chunks(kept, layout, X, y, sessions))
+            n_usable = sum(part.n_rows for part in parts)
+            gram = sum(
+                (block[: len(kept)] @ block[: len(kept)].T for part in parts for block in part.blocks()),
+                np.zeros((len(kept), len(kept))),
+            )
+            scores = one_step_scores(parts, theta, output, n_usable)
+            scaled = None if inside is None else inside.scaled(scales)
+            robust = parameter_uncertainty(gram, scores, scaled)
+            found.append(replace(robust, covariance=robust.covariance * np.outer(scales, scales)))
+        self.sigma_ = np.array(sigma)
+        return found
+
+    # -- prediction ---------------------------------------------------------------------------------------
+
+    def predict(self, X, y_init=None, sessions=None):
+        """Simulate the model: the free run.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs; NaN marks gaps, after which the simulation starts anew.
+        y_init : array-like of shape (n_init,), (n_init, n_outputs) or as long as ``X``, default=None
+            Measured outputs, of which the first ``model_.max_lag`` samples (of each session) are the
+            initial condition. None starts from the model's steady state for the first input.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes, the simulation starts anew.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Simulated outputs; the first ``max_lag`` of them are ``y_init``, where given.
+        """
+        X = self._inputs(X)
+        return self._shaped(free_run(self.model_, X, y_init, sessions=sessions).y)
+
+    def predict_one_step(self, X, y, sessions=None):
+        """Predict each output from measured outputs up to the sample before.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Measured outputs; those of the past are read.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Predictions; NaN where a lagged value is not known.
+        """
+        return self._shaped(predict_one_step(self.model_, self._inputs(X), y, sessions=sessions))
+
+    def predict_k_steps(self, X, y, steps, sessions=None):
+        """Predict each output from measured outputs up to ``steps`` samples before.
+
+        Parameters
+        ----------
+        X, y, sessions
+            As for `predict_one_step`.
+        steps : int
+            Horizon in samples.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Predictions; NaN where the past is not known.
+        """
+        return self._shaped(predict_k_steps(self.model_, self._inputs(X), y, steps, sessions=sessions))
+
+    def score(self, X, y, sample_weight=None, sessions=None):
+        """Return R² of the free run.
+
+        The first ``model_.max_lag`` outputs of each session are the initial condition and are not scored.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Measured outputs.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Weights of the samples.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample.
+
+        Returns
+        -------
+        float
+            R², averaged over outputs; a free run that leaves the finite range scores -1e6.
+        """
+        return free_run_score(self.model_, self._inputs(X), y, sessions=sessions, sample_weight=sample_weight)
+
+    def _inputs(self, X) -> np.ndarray:
+        check_is_fitted(self)
+        return validate_data(
+            self, X, reset=False, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
+            ensure_min_features=0 if self._has_no_inputs() else 1,
+        )  # fmt: skip
+
+    def _shaped(self, y: np.ndarray) -> np.ndarray:
+        return y[:, 0] if self._y_ndim == 1 else y
+
+    # -- what was found -----------------------------------------------------------------------------------
+
+    def confidence_intervals(self, level=0.95):
+        """Return confidence intervals of the parameters.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Coverage.
+
+        Returns
+        -------
+        ndarray of shape (n_terms, 2) or (n_terms, n_outputs, 2)
+            Lower and upper ends, in the order of ``terms_``; NaN where an output lacks the term.
+        """
+        check_is_fitted(self)
+        bounds = np.full((*self.model_.parameters.shape, 2), np.nan)
+        for output, uncertainty in enumerate(self.uncertainty_):
+            rows = np.flatnonzero(self.model_.parameters[:, output])
+            theta = self.model_.parameters[rows, output]
+            bounds[rows, output] = uncertainty.intervals(theta, level)
+        return bounds[:, 0] if bounds.shape[1] == 1 else bounds
+
+    def summary(self, level=0.95):
+        """Return the terms with parameters, intervals and error reduction ratios, largest ratio first.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Coverage of the intervals.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each term of each output.
+        """
+        check_is_fitted(self)
+        bounds = self.confidence_intervals(level).reshape(*self.model_.parameters.shape, 2)
+        err = self.err_.reshape(self.model_.parameters.shape)
+        rows = []
+        for i, output in enumerate(self.model_.outputs):
+            for t in np.flatnonzero(self.model_.parameters[:, i]):
+                low, high = bounds[t, i]
+                value = self.model_.parameters[t, i]
+                rows.append((output, self.terms_[t], value, low, high, err[t, i]))
+        columns = ["output", "term", "parameter", "low", "high", "err"]
+        return pd.DataFrame(rows, columns=columns).sort_values(
+            ["output", "err"], ascending=[True, False], ignore_index=True
+        )
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.allow_nan = True
+        tags.target_tags.multi_output = True
+        tags.regressor_tags.poor_score = True
+        return tags

@@ -1,0 +1,393 @@
+"""The steps of an identification, from measured arrays to a model: scale, compress, select, estimate.
+
+`NARXRegressor` and `NARXRegressorCV` are state round these functions.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from narx_sklearn.exceptions import ExcitationWarning
+from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.criteria import information_criterion
+from narx_sklearn.identification.estimation import least_squares
+from narx_sklearn.identification.factor import Factor, compress
+from narx_sklearn.identification.regressors import CHUNK_ROWS, Candidates, chunks
+from narx_sklearn.identification.screening import screen_terms
+from narx_sklearn.identification.selection import SelectionPath, search_terms
+from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.polynomials import Polynomial
+from narx_sklearn.model.recording import Layout, lay_out
+from narx_sklearn.model.terms import Term, TermLibrary
+
+# Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
+SCREENING_CANDIDATES = 500
+SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be identified: signals and candidate terms.
+
+    Attributes
+    ----------
+    outputs, inputs : tuple of str
+        Signal names.
+    phi : tuple of Phi
+        Named phi regressors.
+    library : TermLibrary
+        Candidate terms.
+    """
+
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    phi: tuple
+    library: TermLibrary
+
+
+@dataclass(frozen=True)
+class Compressed:
+    """Candidates and their compressed record, in shifted and scaled signals.
+
+    Attributes
+    ----------
+    library : TermLibrary
+        Candidate terms, the columns of the factor.
+    layout : Layout
+        Channels with the origin and scale of each signal.
+    factor : Factor
+        The compressed record.
+    """
+
+    library: TermLibrary
+    layout: Layout
+    factor: Factor
+
+    def merge(self, other: "Compressed") -> "Compressed":
+        """Return both records together."""
+        return replace(self, factor=self.factor.merge(other.factor))
+
+    @property
+    def origin(self) -> dict[str, float]:
+        """Origin of each output and input, where it is not zero."""
+        pairs = zip(self.layout.channels, self.layout.origin, strict=True)
+        return {name: float(value) for name, value in pairs if value != 0.0}
+
+    def parameter_scales(self, library: TermLibrary, output: int) -> np.ndarray:
+        """Return what turns parameters of scaled signals into those of measured units."""
+        scale = dict(zip(self.layout.channels, self.layout.scale, strict=True))
+        own = self.layout.scale[output]
+        return np.array([own / np.prod([scale[v.signal] for v in term.expanded]) for term in library])
+
+    def moved_to_zero(self) -> "Compressed | None":
+        """Return the same record with every origin at zero, None if the candidates do not allow it.
+
+        A polynomial in shifted signals is a polynomial in the signals: moving the origin combines
+        columns, as long as the library holds all lower powers.
+        """
+        if not self.origin:
+            return self
+        # s/scale = (s - origin)/scale - (-origin/scale)
+        shift = dict(zip(self.layout.channels, -self.layout.origin / self.layout.scale, strict=True))
+        T = translation(self.library, self.layout.outputs, shift)
+        if T is None:
+            return None
+        layout = self.layout._replace(origin=np.zeros_like(self.layout.origin))
+        return Compressed(self.library, layout, self.factor.combine(T))
+
+
+def translation(
+    library: TermLibrary, outputs: tuple[str, ...], shift: Mapping[str, float]
+) -> np.ndarray | None:
+    """Return T with [Psi, Y] T the columns of the terms in s - shift; None if one is not in the library."""
+    n_terms, n_outputs = len(library), len(outputs)
+    T = np.zeros((n_terms + n_outputs, n_terms + n_outputs))
+    for column, term in enumerate(library):
+        for part, value in Polynomial({term: 1.0}).translate(shift).items:
+            if part not in library:
+                return None
+            T[library.index(part), column] = value
+    for i, output in enumerate(outputs):
+        T[n_terms + i, n_terms + i] = 1.0
+        if shift.get(output, 0.0) != 0.0:
+            if Term() not in library:
+                return None
+            T[library.index(Term()), n_terms + i] = -shift[output]
+    return T
+
+
+def measure_signals(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation of each output and input, NaN left out, chunk by chunk."""
+    columns = y.shape[1] + X.shape[1]
+    count, mean, square = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    for begin in range(0, X.shape[0], CHUNK_ROWS):
+        part = np.column_stack([y[begin : begin + CHUNK_ROWS], X[begin : begin + CHUNK_ROWS]])
+        known = np.isfinite(part)
+        n = known.sum(axis=0)
+        safe = np.maximum(n, 1)
+        own = np.where(known, part, 0.0).sum(axis=0) / safe
+        spread = (np.where(known, part - own, 0.0) ** 2).sum(axis=0)
+        # Chan, Golub and LeVeque's merge of means and sums of squares
+        both = np.maximum(count + n, 1)
+        step = own - mean
+        square += spread + step**2 * count * n / both
+        mean = mean + step * n / both
+        count += n
+    return mean, np.sqrt(square / np.maximum(count, 1))
+
+
+def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None) -> Layout:
+    """Return the layout with every output and input shifted to its mean, every channel scaled to one.
+
+    Warns
+    -----
+    ExcitationWarning
+        If a signal is constant.
+    """
+    mean, spread = measure_signals(X, y)
+    names = problem.outputs + problem.inputs
+    noise = 1e-13 * np.maximum(np.abs(mean), np.finfo(float).tiny)  # rounding of a constant's mean
+    for name, value, level in zip(names, spread, noise, strict=True):
+        if not value > level:
+            warnings.warn(
+                f"{name} is constant in this record, so nothing that depends on its variation can be "
+                "identified; excite it, or leave its lags out.",
+                ExcitationWarning,
+                stacklevel=5,
+            )
+    scale = np.where(spread > noise, spread, np.where(np.abs(mean) > 0, np.abs(mean), 1.0))
+    by_name = dict(zip(names, scale, strict=True))
+    at = dict(zip(names, mean, strict=True))
+    if problem.phi:
+        head = slice(0, min(CHUNK_ROWS, X.shape[0]))
+        plain = Layout.of(problem.outputs, problem.inputs, problem.phi)
+        inside = None if sessions is None else np.asarray(sessions)[head]
+        columns = lay_out(plain, X[head], y[head], inside).data[:, len(names) :]
+        known = np.isfinite(columns)
+        total = np.where(known, columns**2, 0.0).sum(axis=0)
+        rms = np.sqrt(total / np.maximum(known.sum(axis=0), 1))
+        by_name |= {str(p.name): (r if r > 0 else 1.0) for p, r in zip(problem.phi, rms, strict=True)}
+    return Layout.of(problem.outputs, problem.inputs, problem.phi, at, by_name)
+
+
+def origin_choices(origin, problem: Problem, constraints, structure, fit_intercept: bool) -> tuple:
+    """Return the origins worth trying: mappings, or the words "zero" and "mean".
+
+    Constraints and structures speak of the signals as they are, and without a constant term an origin
+    cannot be told apart from one; there "auto" is zero.
+    """
+    if not isinstance(origin, str):
+        unknown = set(origin) - set(problem.outputs + problem.inputs)
+        if unknown:
+            raise ValueError(f"origin names {sorted(unknown)}, which are neither outputs nor inputs.")
+        return (dict(origin),)
+    if origin != "auto":
+        return (origin,)
+    bound = any(len(c) for c in constraints) or structure is not None or not fit_intercept
+    return ("zero",) if bound else ("zero", "mean")
+
+
+def compress_choices(problem: Problem, layout: Layout, origins: tuple, compress_at) -> list[Compressed]:
+    """Compress a record at each origin; a second one costs no second pass where columns combine.
+
+    Parameters
+    ----------
+    problem : Problem
+        Signals and candidates.
+    layout : Layout
+        Layout with every output and input at its mean.
+    origins : tuple
+        What `origin_choices` returned.
+    compress_at : callable
+        Takes a layout, returns the `Compressed` record.
+    """
+    names = problem.outputs + problem.inputs
+    mean = {n: v for n, v in zip(layout.channels, layout.origin, strict=True) if n in names}
+    at = {"zero": {}, "mean": mean}
+    found: list[Compressed] = []
+    for origin in sorted(origins, key=lambda o: o == "zero"):  # the mean first: zero follows from it
+        plain = found[0].moved_to_zero() if found and found[0].library == problem.library else None
+        where = at[origin] if isinstance(origin, str) else origin
+        found.append(plain if plain is not None else compress_at(with_origin(layout, where)))
+    return found
+
+
+def total_criterion(selected: "list[Selected]", criterion: str) -> float:
+    """Return the criterion of all outputs; an origin away from zero is estimated too and pays for it."""
+    total = 0.0
+    for one in selected:
+        used = {s for term in one.library for s in term.signals} & one.compressed.origin.keys()
+        n, m = one.path.n_samples, one.path.n_candidates
+        extra = len(one.support) + len(used)
+        price = information_criterion(criterion, n, n, extra, max(m, extra))
+        total += one.criterion + float(price - information_criterion(criterion, n, n, len(one.support), m))
+    return total
+
+
+def stacked_constraints(constraints: list[LinearConstraints]) -> LinearConstraints | None:
+    """Return the constraints of all outputs, for knowing which terms they name; None where there are none."""
+    if not any(len(c) for c in constraints):
+        return None
+    return LinearConstraints(
+        np.vstack([c.S for c in constraints]), np.concatenate([c.c for c in constraints])
+    )
+
+
+def on_screened(
+    constraints: LinearConstraints, full: TermLibrary, kept: TermLibrary
+) -> LinearConstraints | None:
+    """Return constraints on all candidates as constraints on those that screening kept (all they name)."""
+    if not len(constraints):
+        return None
+    return LinearConstraints(constraints.S[:, [full.index(term) for term in kept]], constraints.c)
+
+
+def with_origin(layout: Layout, origin: Mapping[str, float]) -> Layout:
+    """Return the layout with the origins given, zero elsewhere."""
+    return layout._replace(
+        origin=np.array([float(origin.get(name, 0.0)) for name in layout.channels], dtype=float)
+    )
+
+
+def compress_record(
+    library: TermLibrary,
+    layout: Layout,
+    X: np.ndarray,
+    y: np.ndarray,
+    sessions=None,
+    *,
+    max_terms: int,
+    constraints: LinearConstraints | None = None,
+) -> Compressed:
+    """Compress a record; large libraries are screened first.
+
+    Raises
+    ------
+    ValueError
+        If no sample has all lagged values.
+    """
+    if len(library) > SCREENING_CANDIDATES:
+        library = screened_library(library, layout, X, y, sessions, max_terms, constraints)
+    factor = compress(chunks(library, layout, X, y, sessions))
+    check_enough(factor.n_samples, library, layout, X.shape[0])
+    return Compressed(library, layout, factor)
+
+
+def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples: int) -> None:
+    """Raise a ValueError where a record has no sample with all lagged values."""
+    if n_usable == 0:
+        reach = {p.name: p.reach for p in layout.phi}
+        longest = max((v.lag + reach.get(v.signal, 0) for v in library.variables), default=0)
+        raise ValueError(
+            f"Of n_samples = {n_samples} none can be used: the longest lag is {longest}, so at least "
+            f"{longest + 1} samples in a row, within one session and without a gap, are needed."
+        )
+
+
+def screened_library(
+    library: TermLibrary, layout: Layout, X, y, sessions, max_terms: int, constraints=None
+) -> TermLibrary:
+    """Return the candidates that forward ERR passes over the data put first, for all outputs."""
+    candidates = Candidates.of(library, layout, lay_out(layout, X, y, sessions))
+    check_enough(candidates.n_rows, library, layout, X.shape[0])
+    kept: set[int] = set() if constraints is None else {int(j) for j in constraints.terms}
+    for output in range(len(layout.outputs)):
+        kept |= set(screen_terms(candidates, SCREENED_PER_TERM * max_terms, output=output).order)
+    return library.subset(sorted(kept))
+
+
+@dataclass(frozen=True)
+class Selected:
+    """Terms chosen for one output, with their least-squares parameters in scaled signals."""
+
+    compressed: Compressed
+    path: SelectionPath
+    support: tuple[int, ...]
+    theta: np.ndarray
+    rss: float
+    criterion: float
+
+    @property
+    def library(self) -> TermLibrary:
+        """The chosen terms."""
+        return self.compressed.library.subset(self.support)
+
+
+def select_terms(
+    compressed: Compressed,
+    output: int,
+    *,
+    search: str,
+    criterion: str,
+    n_terms: int | None,
+    max_terms: int,
+    constraints: LinearConstraints | None,
+    alpha: float = 0.0,
+) -> Selected:
+    """Search, choose a size, estimate: everything on the factor."""
+    scaled = scaled_constraints(compressed, output, constraints)
+    longest = max(max_terms, n_terms or 0)  # looking past the size wanted improves what is found there
+    path = search_terms(compressed.factor, longest, search=search, output=output, constraints=scaled)
+    values = path.criterion(criterion)
+    size = min(n_terms, len(path.supports) - 1) if n_terms is not None else int(np.argmin(values))
+    return estimate_terms(compressed, output, path, size, criterion, constraints, alpha)
+
+
+def estimate_terms(
+    compressed: Compressed,
+    output: int,
+    path: SelectionPath,
+    size: int,
+    criterion: str,
+    constraints: LinearConstraints | None,
+    alpha: float = 0.0,
+) -> Selected:
+    """Estimate the set of ``size`` terms of a path."""
+    support = tuple(sorted(path.supports[size]))
+    scaled = scaled_constraints(compressed, output, constraints)
+    inside = None if scaled is None else scaled.restrict(support)
+    theta, rss = least_squares(
+        compressed.factor.subset(support),
+        output=output,
+        constraints=inside,
+        alpha=alpha * compressed.factor.n_samples,
+    )
+    return Selected(compressed, path, support, theta, rss, float(path.criterion(criterion)[size]))
+
+
+def scaled_constraints(
+    compressed: Compressed, output: int, constraints: LinearConstraints | None
+) -> LinearConstraints | None:
+    """Return constraints on measured-unit parameters as constraints on those of scaled signals."""
+    if constraints is None or not len(constraints):
+        return None
+    return constraints.scaled(compressed.parameter_scales(compressed.library, output))
+
+
+def on_library(
+    constraints: LinearConstraints | None, full: TermLibrary, part: TermLibrary
+) -> LinearConstraints | None:
+    """Return constraints on ``full`` as constraints on the terms of ``part``."""
+    if constraints is None or not len(constraints):
+        return None
+    return constraints.restrict([full.index(term) for term in part])
+
+
+def build_model(selected: list[Selected], problem: Problem, **fields: Any) -> NARXModel:
+    """Return the model of the chosen terms in measured units."""
+    compressed = selected[0].compressed
+    sides = {}
+    for i, (output, one) in enumerate(zip(problem.outputs, selected, strict=True)):
+        scales = compressed.parameter_scales(one.library, i)
+        sides[output] = Polynomial(zip(one.library, one.theta * scales, strict=True))
+    return NARXModel.from_equations(
+        sides,
+        outputs=problem.outputs,
+        inputs=problem.inputs,
+        phi=problem.phi,
+        origin=compressed.origin,
+        **fields,
+    )

@@ -1,0 +1,88 @@
+"""Scores of a model's free run, the judgement that model searches use."""
+
+import warnings
+
+import numpy as np
+
+from narx_sklearn._validation import as_signals, check_same_length, session_slices
+from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.simulation import free_run
+
+__all__ = ["FreeRunJudge", "free_run_score"]
+
+DIVERGED_SCORE = -1e6  # score of a free run that left the finite range: finite, so that searches can rank it
+
+
+def free_run_score(model: NARXModel, X, y, *, sessions=None, sample_weight=None) -> float:
+    """Return R² of a model's free run on a record.
+
+    The first ``max_lag`` outputs of each session are the initial condition and are not scored.
+
+    Parameters
+    ----------
+    model : NARXModel
+        The model.
+    X : array-like of shape (n_samples, n_inputs)
+        Inputs.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Measured outputs.
+    sessions : array-like of shape (n_samples,), default=None
+        One label a sample.
+    sample_weight : array-like of shape (n_samples,), default=None
+        Weights of the samples.
+
+    Returns
+    -------
+    float
+        R², averaged over outputs; -1e6 where the free run leaves the finite range.
+
+    Raises
+    ------
+    ValueError
+        If fewer than two samples are left to judge by.
+    """
+    return FreeRunJudge(X, y, sessions=sessions, sample_weight=sample_weight).score(model)
+
+
+class FreeRunJudge:
+    """A record, validated once, by whose free runs many models are judged.
+
+    Parameters
+    ----------
+    X, y, sessions, sample_weight
+        As for `free_run_score`.
+    """
+
+    def __init__(self, X, y, *, sessions=None, sample_weight=None):
+        self.X, self.y = as_signals(X, "X"), as_signals(y, "y")
+        check_same_length(X=self.X, y=self.y)
+        self.sessions = sessions
+        self.weight = None if sample_weight is None else np.asarray(sample_weight, dtype=float)
+        self.pieces = session_slices(sessions, self.X.shape[0])
+        self.known = np.isfinite(self.y).all(axis=1) & np.isfinite(self.X).all(axis=1)
+
+    def score(self, model: NARXModel) -> float:
+        """Return R² of the model's free run, as `free_run_score` defines it."""
+        scored = self.known.copy()
+        for piece in self.pieces:
+            scored[piece.start : piece.start + model.max_lag] = False
+        if scored.sum() < 2:
+            raise ValueError(
+                f"score has {int(scored.sum())} samples after the initial condition; the model needs "
+                f"{model.max_lag} samples to start from and at least 2 to be judged by."
+            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DivergenceWarning)  # the score says it
+            simulated = free_run(model, self.X, self.y, sessions=self.sessions).y[scored]
+        if not np.isfinite(simulated).all():
+            return DIVERGED_SCORE
+        measured = self.y[scored]
+        weight = np.ones(measured.shape[0]) if self.weight is None else self.weight[scored]
+        error = weight @ (measured - simulated) ** 2
+        centred = measured - weight @ measured / weight.sum()
+        scatter = weight @ centred**2
+        # as scikit-learn has it: a constant output is predicted either exactly (1) or not (0)
+        varies = scatter > 0
+        r2 = np.where(varies, 1.0 - error / np.where(varies, scatter, 1.0), np.where(error > 0, 0.0, 1.0))
+        return float(max(r2.mean(), DIVERGED_SCORE))
