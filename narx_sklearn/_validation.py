@@ -74,8 +74,9 @@ def as_signals(data, name: str) -> np.ndarray:
     ValueError
         If it is not numeric, has more than two axes, or holds infinities.
     """
-    if np.ndim(data) == 1:
-        data = np.asarray(data).reshape(-1, 1)
+    if not hasattr(data, "columns"):
+        data = np.asarray(data)
+        data = data.reshape(-1, 1) if data.ndim == 1 else data
     return check_array(
         data,
         dtype=np.float64,

@@ -256,6 +256,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ValueError
             If a parameter is not valid, or no sample has all lagged values.
         """
+        self.__dict__.pop("model_", None)  # an interrupted fit leaves nothing that could be used
         with single_threaded_blas():
             return self._fit(X, y, sessions)
 
@@ -348,8 +349,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         )  # fmt: skip
         if y is None:
             raise ValueError("requires y to be passed, but the target y is None")
-        self._y_ndim = np.ndim(y)
+        self._y_ndim = 2 if hasattr(y, "columns") else np.asarray(y).ndim
         y = as_signals(y, "y")
+        if not np.isfinite(y).any(axis=0).all():
+            raise ValueError("Input y contains NaN at every sample of an output; there is nothing to fit.")
         check_same_length(X=X, y=y, sessions=sessions)
         session_slices(sessions, X.shape[0])
         outputs = signal_names(labels if labels is not None else range(y.shape[1]), "y")
@@ -730,6 +733,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return pd.DataFrame(rows, columns=columns).sort_values(
             ["output", "err"], ascending=[True, False], ignore_index=True
         )
+
+    def __sklearn_is_fitted__(self):
+        return hasattr(self, "model_")
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

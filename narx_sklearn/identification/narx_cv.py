@@ -160,6 +160,7 @@ sampling_period
         -------
         self
         """
+        self.__dict__.pop("model_", None)  # an interrupted fit leaves nothing that could be used
         check_choice(self.rule, "rule", RULES)
         sizes = self._sizes()
         structures = self._structures()
@@ -303,6 +304,9 @@ sampling_period
         """Return R² of the best model's free run; see `NARXRegressor.score`."""
         check_is_fitted(self)
         return self.best_estimator_.score(X, y, sample_weight=sample_weight, sessions=sessions)
+
+    def __sklearn_is_fitted__(self):
+        return hasattr(self, "model_")
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -27,7 +27,7 @@ EXACT_ERROR = 4 * EPS  # rounding of an explicit orthogonalisation, relative to 
 REFRESH = 1e-2  # fall of the residual after which its inner products are summed anew
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ScreenPath:
     """Order in which forward selection takes the terms, and how it got there.
 
@@ -110,7 +110,7 @@ def screen_terms(
     References
     ----------
     S. Chen, S. A. Billings, W. Luo (1989), "Orthogonal least squares methods and their application to
-    non-linear system identification", Int. J. Control 50(5), section 3.2; Abreu (2021),
+    non-linear system identification", Int. J. Control 50(5); Abreu (2021),
     eqs. (2.40)-(2.43).
 
     Examples
@@ -150,8 +150,9 @@ def screening_cost(n_rows: int, library: TermLibrary, n_terms: int) -> float:
     Returns
     -------
     float
-        Operations; starting a short vector operation counts as the operations it delays. Explicit
-        orthogonalisation beyond that of the chosen terms, which depends on the data, is left out.
+        Operations; loading a variable, forming a product or starting a run of sums counts as the
+        operations that take as long. Orthogonalising more contenders than the chosen terms, which
+        depends on the data, is left out.
 
     Examples
     --------
@@ -236,7 +237,7 @@ def _thread_pools() -> ThreadpoolController:
 @contextmanager
 def _start_sweep(candidates: Candidates, n_threads: int | None) -> Iterator[_Sweep]:
     """Open the threads, with one BLAS thread in each, and close them."""
-    n_threads = n_threads or _usable_processors()
+    n_threads = 1 if candidates.n_rows <= CHUNK_ROWS else n_threads or _usable_processors()
     with _thread_pools().limit(limits=1, user_api="blas"):
         if n_threads == 1:
             yield _Sweep(candidates, map)

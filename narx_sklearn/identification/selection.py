@@ -35,7 +35,9 @@ class SelectionPath:
         ``supports[n]`` are the indices of the best ``n`` terms, in the order in which they were found; see
         `err_order` for that of their ERR.
     rss : ndarray of shape (n_sizes,)
-        Sum of squared one-step residuals of each; ``rss[0]`` is y'y.
+        Sum of squared one-step residuals of each; infinite for a size that constraints rule out.
+    total : float
+        Sum of squared outputs, y'y.
     n_samples : int
         Number of samples.
     n_candidates : int
@@ -46,6 +48,7 @@ class SelectionPath:
 
     supports: tuple[tuple[int, ...], ...]
     rss: np.ndarray
+    total: float
     n_samples: int
     n_candidates: int
     collinear: tuple[int, ...] = ()
@@ -57,7 +60,7 @@ class SelectionPath:
 
     def criterion(self, name: str) -> np.ndarray:
         """Return an information criterion for every size; residuals that are rounding count as equal."""
-        rss = np.maximum(self.rss, EXACT * self.rss[0])
+        rss = np.maximum(self.rss, EXACT * self.total)
         return information_criterion(name, rss, self.n_samples, self.sizes, self.n_candidates)
 
     def best_size(self, name: str) -> int:
@@ -260,7 +263,8 @@ def search_terms(
     SEARCHES[search](projection, n_terms, [], best)
     supports = tuple(best.supports)
     collinear = projection.collinear(list(supports[-1]))
-    return SelectionPath(supports, np.array(best.rss), factor.n_samples, factor.n_terms, collinear)
+    total = best.rss[0]
+    return SelectionPath(supports, np.array(best.rss), total, factor.n_samples, factor.n_terms, collinear)
 
 
 def _search_constrained(
@@ -281,7 +285,8 @@ def _search_constrained(
     supports = tuple(by_size[n][0] if n in by_size else () for n in sizes)
     rss = np.array([by_size[n][1] if n in by_size else np.inf for n in sizes])
     collinear = tuple(int(solved.rest[j]) for j in path.collinear)
-    return SelectionPath(supports, rss, factor.n_samples, factor.n_terms, collinear)
+    total = factor.sum_of_squares(output)
+    return SelectionPath(supports, rss, total, factor.n_samples, factor.n_terms, collinear)
 
 
 def _greedy(projection: _Projection, support) -> tuple[tuple[int, ...], np.ndarray]:
