@@ -45,6 +45,7 @@ from narx_sklearn.identification.selection import SEARCHES, criterion_minima, er
 from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
 from narx_sklearn.identification.structure import candidate_library, structure_filter
 from narx_sklearn.identification.uncertainty import one_step_scores, parameter_uncertainty
+from narx_sklearn.identification.whiteness import is_white
 from narx_sklearn.model.narx import NARXModel, replace_name
 from narx_sklearn.model.recording import lay_out
 from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
@@ -119,9 +120,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     forgetting : float or "variable", default=1.0
         Forgetting factor of ``"rls"``; of earlier batches in ``partial_fit``, where it must be a number.
     refine : {"auto", True, False}, default="auto"
-        Free-run refinement. ``"auto"`` also searches the terms by their effect on the free run, and keeps
-        the result where the noise turns out to be on the output rather than in the equation (the
-        criterion of the simulation error is the smaller). True fits the chosen terms to the free run
+        Free-run refinement. ``"auto"`` also searches the terms by their effect on the free run. It keeps
+        that result where the noise turns out to be on the output (the criterion of the simulation error is
+        the smaller), and where the one-step residuals are coloured, so that least squares is biased by
+        noise or by missing structure; with white residuals least squares stays. True fits the chosen terms to the free run
         whatever the noise; the fit never ends worse than it began.
     fit_intercept : bool, default=True
         Whether the constant term is a candidate.
@@ -146,8 +148,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Best set and residual for every size, one for each output where there are several.
     candidates_ : TermLibrary
         The candidate terms (after screening, where there were many).
-    noise_ : {"equation", "output"}
-        Where the noise was taken to be.
+    noise_ : {"equation", "output", "mixed"}
+        Where the noise was taken to be: white in the equation, on the output, or neither.
     refinement_ : FreeRunFit or None
         How the free-run refinement went.
     sigma_ : ndarray of shape (n_outputs,)
@@ -485,10 +487,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return self._search_free_run(model, selected[0], constraints[0], X, y, sessions)
 
     def _search_free_run(self, model, one: Selected, constraints, X, y, sessions):
-        data = FreeRunData(X, y, sessions)
         library = one.compressed.library
-        if any(p.signals & set(model.outputs) for p in model.phi):
-            fit = refine_free_run(model, X, y, sessions=sessions, constraints=None, max_iter=30)
+        inside = self._inside(model, [one], [constraints])
+        if self.n_terms is not None or any(p.signals & set(model.outputs) for p in model.phi):
+            # the terms stay: their number is given, or the search cannot differentiate a phi of an output
+            fit = refine_free_run(model, X, y, sessions=sessions, constraints=inside)
         else:
             searched = library
             if X.shape[0] * len(library) ** 2 > SEARCHED_COST:
@@ -496,10 +499,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             fit = select_on_simulation(
                 model,
                 searched,
-                data,
+                FreeRunData(X, y, sessions),
                 criterion=self.criterion,
-                n_terms=self._longest() if self.n_terms is None else self.n_terms,
-                constraints=on_library(constraints, library, searched),
+                n_terms=self.max_terms,
+                constraints=on_screened(constraints, self._library, searched),
             ).fit
         if not np.isfinite(fit.loss):
             return model, fit, "equation"
@@ -513,10 +516,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             len(one.support),
             len(library),
         )
-        exact_size = self.n_terms is None or fit.model.n_terms == model.n_terms
-        if value < equation and exact_size:
+        if value < equation:
             return fit.model, fit, "output"
-        return model, None, "equation"
+        residuals = (y - predict_one_step(model, X, y, sessions=sessions))[:, 0]
+        if is_white(residuals, sessions):
+            return model, None, "equation"
+        return fit.model, fit, "mixed"
 
     @staticmethod
     def _horizons(model: NARXModel):
@@ -573,7 +578,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             known = np.isfinite(residual)
             spare = max(int(known.sum()) - len(kept), 1)
             sigma.append(np.sqrt(np.sum(residual[known] ** 2) / spare))
-            if self.noise_ == "output" and len(model.outputs) == 1:
+            if self.noise_ != "equation" and len(model.outputs) == 1:
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
                 continue
             layout = self._layout

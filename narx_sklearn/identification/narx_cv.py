@@ -57,7 +57,7 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     criterion : str or list of str, default=()
         Criteria whose choice of size is judged as well.
     cv : int, cross-validation splitter or iterable, default=None
-        Folds; None is ``TimeSeriesSplit(5)``. Lags never reach across the edge of a training part.
+        Folds; an integer is that many of ``TimeSeriesSplit``, None five. Lags never reach across the edge of a training part.
     rule : {"best", "one_standard_error"}, default="best"
         ``"best"`` takes the best mean score; ``"one_standard_error"`` the fewest terms whose mean score is
         within one standard error of it.
@@ -214,7 +214,9 @@ sampling_period
             problems.append(problem)
             constraints.append(regressor._constraints(problem))
         X, y = inputs, outputs
-        folds = list(check_cv(TimeSeriesSplit() if self.cv is None else self.cv, y).split(X))
+        in_time = self.cv is None or isinstance(self.cv, Integral)
+        cv = TimeSeriesSplit(5 if self.cv is None else int(self.cv)) if in_time else check_cv(self.cv)
+        folds = list(cv.split(X))
         union = Problem(
             problems[0].outputs,
             problems[0].inputs,

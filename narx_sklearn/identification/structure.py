@@ -94,10 +94,12 @@ def candidate_library(
     degree: int,
     include_constant: bool,
     keep: Keep,
+    lags_name: str = "input_lags",
 ) -> TermLibrary:
     """Return the candidate terms that lags, degree and structure allow.
 
-    Lags are an integer, a list, or a mapping or list with one of these for each signal.
+    Lags are an integer, a list, or a mapping or list with one of these for each signal. ``lags_name`` is
+    what the caller's user knows ``input_lags`` by.
 
     Raises
     ------
@@ -113,8 +115,8 @@ def candidate_library(
     variables: list[Variable] = []
     for signal, lags in _per_signal(output_lags, outputs, "output_lags").items():
         variables += [Variable(signal, lag) for lag in check_lags(lags, "output_lags", smallest=1)]
-    for signal, lags in _per_signal(input_lags, inputs, "input_lags").items():
-        variables += [Variable(signal, lag) for lag in _input_lags(lags, "input_lags", shortest[signal])]
+    for signal, lags in _per_signal(input_lags, inputs, lags_name).items():
+        variables += [Variable(signal, lag) for lag in _input_lags(lags, lags_name, shortest[signal])]
     names = [str(p.name) for p in phi]
     for (name, lags), one in zip(_per_signal(phi_lags, names, "phi_lags").items(), phi, strict=True):
         of_output = bool(one.signals & set(outputs))

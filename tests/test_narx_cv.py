@@ -1,0 +1,87 @@
+"""NARXRegressorCV: the same choice as a plain grid search, from one pass over the data."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.model_selection import GridSearchCV, KFold, TimeSeriesSplit
+
+from narx_sklearn import NARXRegressor, NARXRegressorCV
+
+
+def make_record(n_samples, seed=0, noise=0.02):
+    """Return input and output of a second-order system with one quadratic term."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1, 1, n_samples)
+    y = np.zeros(n_samples)
+    for k in range(2, n_samples):
+        y[k] = 0.6 * y[k - 1] - 0.2 * y[k - 2] + u[k - 1] + 0.5 * u[k - 1] * u[k - 2] + noise * rng.normal()
+    return u[:, None], y
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_chooses_what_a_grid_search_chooses(seed):
+    X, y = make_record(500, seed)
+    ours = NARXRegressorCV([1, 2], [1, 2], degree=[1, 2], max_terms=6, cv=3).fit(X, y)
+    grid = {"output_lags": [1, 2], "input_lags": [1, 2], "degree": [1, 2], "n_terms": list(range(1, 7))}
+    plain = GridSearchCV(NARXRegressor(refine=False, max_terms=6), grid, cv=TimeSeriesSplit(3)).fit(X, y)
+    assert plain.best_params_.items() <= ours.best_params_.items()
+    np.testing.assert_allclose(ours.best_score_, plain.best_score_, rtol=1e-6)
+
+
+def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
+    X, y = make_record(400)
+    ours = NARXRegressorCV(
+        [1, 2], [2], degree=[2], n_terms=[3], criterion=["bic"], cv=2, origin="zero"
+    ).fit(X, y)
+    table = pd.DataFrame(ours.cv_results_)
+    for _, row in table.iterrows():
+        size = {"n_terms": row["param_n_terms"]} if row["param_n_terms"] else {"criterion": "bic"}
+        plain = NARXRegressor(row["param_output_lags"], 2, degree=2, refine=False, origin="zero", **size)
+        for i, (train, test) in enumerate(TimeSeriesSplit(2).split(X)):
+            score = plain.fit(X[train], y[train]).score(X[test], y[test])
+            np.testing.assert_allclose(row[f"split{i}_test_score"], score, rtol=1e-9)
+
+
+def test_lags_never_reach_across_the_hole_that_a_fold_leaves():
+    X, y = make_record(300, noise=0.0)
+    y[100:200] += 5.0  # the middle third is another world; fitted across, its edges would spoil the rest
+    search = NARXRegressorCV([2], [2], degree=[2], n_terms=[4], cv=KFold(3), origin="zero").fit(X, y)
+    # the first and last fold's training parts hold the odd third; the middle fold's do not
+    assert search.cv_results_["split1_test_score"][0] < 0
+    clean = NARXRegressor(2, 2, degree=2, n_terms=4, refine=False, origin="zero").fit(
+        np.delete(X, np.s_[100:200], axis=0), np.delete(y, np.s_[100:200]), sessions=np.repeat([0, 1], 100)
+    )
+    np.testing.assert_allclose(clean.coef_, [0.6, -0.2, 1.0, 0.5], atol=1e-9)
+    np.testing.assert_allclose(
+        search.cv_results_["split1_test_score"][0], clean.score(X[100:200], y[100:200]), rtol=1e-9
+    )
+
+
+def test_one_standard_error_takes_no_more_terms_than_the_best():
+    X, y = make_record(500)
+    best = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=8, cv=3).fit(X, y)
+    lean = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=8, cv=3, rule="one_standard_error").fit(X, y)
+    assert len(lean.best_estimator_.terms_) <= len(best.best_estimator_.terms_)
+
+
+def test_it_predicts_and_scores_with_the_best_model_and_uses_threads():
+    X, y = make_record(500)
+    search = NARXRegressorCV([1, 2], [1, 2], degree=[2], max_terms=5, n_jobs=2).fit(X[:400], y[:400])
+    assert search.score(X[400:], y[400:]) > 0.95
+    np.testing.assert_array_equal(search.predict(X, y_init=y), search.best_estimator_.predict(X, y_init=y))
+    assert search.predict_one_step(X, y).shape == search.predict_k_steps(X, y, 3).shape == y.shape
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"rule": "median"}, "'one_standard_error'"),
+        ({"n_terms": None}, "Nothing chooses"),
+        ({"degree": "3"}, "list of choices"),
+        ({"n_terms": "some"}, "'all'"),
+    ],
+)
+def test_wrong_parameters_are_refused(parameters, message):
+    X, y = make_record(100)
+    with pytest.raises((ValueError, TypeError), match=message):
+        NARXRegressorCV(**parameters).fit(X, y)
