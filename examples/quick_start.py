@@ -29,7 +29,7 @@ def main(folder: Path) -> None:
     print(narx.model_)
     print(narx.summary().to_string(index=False))
     print(f"\nnoise taken to be on the {narx.noise_}")
-    print(f"free run on held-out data: RMSE {error:.3g} m of a standard deviation of {position[test].std():.3g} m")
+    print(f"free run on held-out data: RMSE {error:.3g} m, standard deviation {position[test].std():.3g} m")
     tests = residual_tests(position[test].to_numpy() - simulated, force[test])
     print(tests.verdict)
     draw(plant, test, simulated, folder / "quick_start.png")

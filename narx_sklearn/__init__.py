@@ -8,8 +8,15 @@ from importlib import import_module
 __version__ = "0.1.0.dev0"
 
 _HOMES = {
+    "NARXModel": "model",
     "NARXRegressor": "identification",
     "NARXRegressorCV": "identification",
+    "LagTransformer": "identification",
+    "PhiTransformer": "identification",
+    "TermTransformer": "identification",
+    "ErrSelector": "identification",
+    "free_run": "model",
+    "residual_tests": "analysis",
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]

@@ -30,9 +30,9 @@ def test_it_chooses_what_a_grid_search_chooses(seed):
 
 def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
     X, y = make_record(400)
-    ours = NARXRegressorCV(
-        [1, 2], [2], degree=[2], n_terms=[3], criterion=["bic"], cv=2, origin="zero"
-    ).fit(X, y)
+    ours = NARXRegressorCV([1, 2], [2], degree=[2], n_terms=[3], criterion=["bic"], cv=2, origin="zero").fit(
+        X, y
+    )
     table = pd.DataFrame(ours.cv_results_)
     for _, row in table.iterrows():
         size = {"n_terms": row["param_n_terms"]} if row["param_n_terms"] else {"criterion": "bic"}

@@ -2,15 +2,18 @@
 
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
+from narx_sklearn.identification.err_selector import ErrSelector
 from narx_sklearn.identification.estimation import (
     RecursiveEstimate,
     least_squares,
     recursive_least_squares,
 )
 from narx_sklearn.identification.factor import Factor, compress
+from narx_sklearn.identification.hysteresis import hysteresis_structure
 from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.identification.narx_cv import NARXRegressorCV
 from narx_sklearn.identification.refinement import FreeRunFit, refine_free_run
+from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.identification.screening import ScreenPath, screen_terms, screening_cost
 from narx_sklearn.identification.selection import (
     SelectionPath,
@@ -19,24 +22,33 @@ from narx_sklearn.identification.selection import (
     search_terms,
     size_window,
 )
+from narx_sklearn.identification.spurious import detect_spurious_clusters
 from narx_sklearn.identification.structure import exclude_clusters
+from narx_sklearn.identification.transformers import LagTransformer, PhiTransformer, TermTransformer
 from narx_sklearn.identification.uncertainty import ParameterUncertainty
 
 __all__ = [
     "CRITERIA",
+    "ErrSelector",
     "Factor",
     "FreeRunFit",
+    "LagTransformer",
     "LinearConstraints",
     "NARXRegressor",
     "NARXRegressorCV",
     "ParameterUncertainty",
+    "PhiTransformer",
     "RecursiveEstimate",
     "ScreenPath",
     "SelectionPath",
+    "TermTransformer",
     "compress",
     "criterion_minima",
+    "detect_spurious_clusters",
     "err_order",
     "exclude_clusters",
+    "free_run_score",
+    "hysteresis_structure",
     "information_criterion",
     "least_squares",
     "parse_constraints",

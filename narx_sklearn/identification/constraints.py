@@ -1,5 +1,6 @@
 """Linear equality constraints on the parameters, S theta = c (2.47)."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -174,9 +175,8 @@ def _parse_one(text: str, library: TermLibrary, intercept: str) -> tuple[np.ndar
     if not equals or "=" in right:
         raise ValueError(f"Cannot read the constraint {text!r}; write it like 'y[k-1] + y[k-2] = 1'.")
     marker = "constant_[k]"  # a stand-in, as the constant term itself reads as a number
-    difference = Polynomial.parse(left.replace(intercept, marker)) - Polynomial.parse(
-        right.replace(intercept, marker)
-    )
+    word = re.compile(rf"\b{re.escape(intercept)}\b(?!\s*\[)")  # not part of a name, nor a signal's name
+    difference = Polynomial.parse(word.sub(marker, left)) - Polynomial.parse(word.sub(marker, right))
     row = np.zeros(len(library))
     for term, value in difference.items:
         if not term.factors:
@@ -195,7 +195,7 @@ def _independent(S: np.ndarray, c: np.ndarray) -> LinearConstraints:
     """Drop rows that repeat others; raise where they contradict each other."""
     if not len(c):
         return LinearConstraints(S, c)
-    Q, T, order = qr(S.T, pivoting=True, mode="economic")
+    T, order = qr(S.T, pivoting=True, mode="r")
     diagonal = np.abs(np.diag(T))
     rank = int(np.sum(diagonal > RANK_TOLERANCE * max(diagonal.max(initial=0.0), np.finfo(float).tiny)))
     kept = np.sort(order[:rank])

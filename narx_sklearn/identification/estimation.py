@@ -15,6 +15,13 @@ __all__ = ["RecursiveEstimate", "least_squares", "recursive_least_squares"]
 
 SINGULAR = 1e-13  # smallest over largest diagonal of R, columns scaled to one, that still counts as full rank
 
+# Variable forgetting measures the scale of the residuals as a running mean square:
+TRANSIENT = 2  # samples for each parameter that do not count, because the estimates still start
+WARM_UP = 10  # samples for each parameter over which the first scale is averaged
+SCALE_RATE = 0.01  # weight of a sample after that
+LARGEST_SURPRISE = 9.0  # multiple of the scale at which a squared residual is cut before it counts
+QUIET = 1e-8  # share of the output's mean square that always counts
+
 
 @dataclass(frozen=True)
 class RecursiveEstimate:
@@ -188,7 +195,8 @@ def recursive_least_squares(
 def _recursive_least_squares(Psi, y, constant, variable, sensitivity, smallest, theta, P, history, factors):
     """Run (2.50)-(2.52); theta and P are updated in place, history and factors are written."""
     n_samples, n_terms = Psi.shape
-    scale = 0.0
+    first, settled = TRANSIENT * n_terms, (TRANSIENT + WARM_UP) * n_terms
+    scale, power = 0.0, 0.0
     trace_limit = np.trace(P)
     for k in range(n_samples):
         psi = Psi[k]
@@ -196,12 +204,16 @@ def _recursive_least_squares(Psi, y, constant, variable, sensitivity, smallest, 
         error = y[k] - psi @ theta
         forgetting = constant
         if variable:
-            if k <= 10 * n_terms:
-                scale += (error * error - scale) / (k + 1)
-            else:
-                surprise = error * error / max(scale, 1e-300) - 1.0
+            square = error * error
+            power += (y[k] * y[k] - power) / (k + 1)
+            if k >= settled:
+                surprise = square / max(scale, 1e-300) - 1.0
                 forgetting = min(1.0, max(smallest, 1.0 - sensitivity * max(surprise, 0.0)))
-                scale += 0.01 * (error * error - scale)
+                # a change of parameters must not pass for noise at once, nor a quiet start bind for ever
+                square = min(square, max(LARGEST_SURPRISE * scale, QUIET * power))
+                scale += SCALE_RATE * (square - scale)
+            elif k >= first:
+                scale += (square - scale) / (k - first + 1)
             if np.trace(P) > trace_limit:
                 forgetting = 1.0
         denominator = psi @ gain + forgetting

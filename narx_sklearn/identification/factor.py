@@ -42,7 +42,7 @@ class Factor:
         return self.R.shape[1] - self.n_outputs
 
     @property
-    def Psi(self) -> np.ndarray:
+    def Psi(self) -> np.ndarray:  # noqa: N802 - the field's symbol
         """The regressors' columns of R."""
         return self.R[:, : self.n_terms]
 

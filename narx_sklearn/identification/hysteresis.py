@@ -90,8 +90,8 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     (35, 19)
     """
     output_names = set(outputs)
-    moving = {p.name for p in phi if p.has_memory or vanishes_at_rest(p)}
-    signs = {p.name for p in phi if isinstance(p, SIGN_LIKE)}
+    moving = {str(p.name) for p in phi if p.has_memory or vanishes_at_rest(p)}
+    signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
 
     def keep(term: Term) -> bool:
         exponents = dict(term.cluster)

@@ -33,6 +33,7 @@ from narx_sklearn.identification.procedure import (
     on_library,
     on_screened,
     origin_choices,
+    parameter_scales,
     scaled_layout,
     select_terms,
     stacked_constraints,
@@ -44,7 +45,11 @@ from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.identification.selection import SEARCHES, criterion_minima, err_order, size_window
 from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
 from narx_sklearn.identification.structure import candidate_library, structure_filter
-from narx_sklearn.identification.uncertainty import one_step_scores, parameter_uncertainty
+from narx_sklearn.identification.uncertainty import (
+    ParameterUncertainty,
+    one_step_scores,
+    parameter_uncertainty,
+)
 from narx_sklearn.identification.whiteness import is_white
 from narx_sklearn.model.narx import NARXModel, replace_name
 from narx_sklearn.model.recording import lay_out
@@ -102,8 +107,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Number of terms; None lets the criterion choose.
     max_terms : int, default=20
         Largest number of terms tried.
-    search : {"floating", "forward", "iterated"}, default="floating"
-        How sets of terms are searched; ``"forward"`` is the classical ERR ordering.
+    search : {"exchange", "floating", "forward", "iterated"}, default="exchange"
+        How sets of terms are searched; ``"forward"`` is the classical ERR ordering. See `search_terms`.
     size : {"criterion", "free_run"}, default="criterion"
         ``"criterion"`` takes the criterion's global minimum. ``"free_run"`` takes, of the sizes round its
         first two local minima, the one whose free run has the best criterion (section 5.2.1.1).
@@ -123,14 +128,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Free-run refinement. ``"auto"`` also searches the terms by their effect on the free run. It keeps
         that result where the noise turns out to be on the output (the criterion of the simulation error is
         the smaller), and where the one-step residuals are coloured, so that least squares is biased by
-        noise or by missing structure; with white residuals least squares stays. True fits the chosen terms to the free run
-        whatever the noise; the fit never ends worse than it began.
+        noise or by missing structure; with white residuals least squares stays. True fits the chosen terms
+        to the free run whatever the noise; the fit never ends worse than it began.
     fit_intercept : bool, default=True
         Whether the constant term is a candidate.
     origin : {"auto", "zero", "mean"} or mapping of {str: float}, default="auto"
-        Operating point from which signals count inside the terms. ``"auto"`` takes zero unless deviations
-        from the mean give a better criterion, as for a temperature in kelvin. What is selected does not
-        depend on units in any case.
+        Operating point from which signals count inside the terms. ``"auto"`` takes the mean for signals
+        that never come within their standard deviation of zero, such as a temperature in kelvin, and for
+        the others what gives the better criterion, zero or the mean. What is selected does not depend on units in any case.
     sampling_period : float, default=None
         Seconds between samples, kept in the model.
 
@@ -200,7 +205,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         criterion="ebic",
         n_terms=None,
         max_terms=20,
-        search="floating",
+        search="exchange",
         size="criterion",
         constraints=None,
         estimator="ls",
@@ -310,7 +315,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             merged = []
             for before in self._batches:
                 batch = compress_record(
-                    before.library, before.layout, X, y, sessions, max_terms=self._longest()
+                    before.library, before.layout, X, y, sessions, max_terms=self._longest(), screen=False
                 )
                 merged.append(replace(before, factor=before.factor.scaled(keep)).merge(batch))
             self._batches = merged
@@ -334,7 +339,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 continue
             if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
                 raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
-        if not isinstance(self.alpha, Real) or not self.alpha >= 0:
+        if not isinstance(self.alpha, Real) or not float(self.alpha) >= 0.0:
             raise ValueError(f"alpha must be a number of at least 0, got {self.alpha!r}.")
         if self.refine not in ("auto", True, False):
             raise ValueError(f"refine must be 'auto', True or False, got {self.refine!r}.")
@@ -403,13 +408,15 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _compress(self, problem, constraints, X, y, sessions) -> list[Compressed]:
         """Compress the record in the coordinates worth trying: one or two origins."""
+        layout = scaled_layout(problem, X, y, sessions)
+        origins = origin_choices(
+            self.origin, problem, layout, X, y, constraints, self.structure, self.fit_intercept
+        )
         return compress_choices(
-            problem,
-            scaled_layout(problem, X, y, sessions),
-            origin_choices(self.origin, problem, constraints, self.structure, self.fit_intercept),
-            lambda layout: compress_record(
-                problem.library, layout, X, y, sessions,
-                max_terms=self._longest(), constraints=stacked_constraints(constraints),
+            problem, layout, origins,
+            lambda at: compress_record(
+                problem.library, at, X, y, sessions,
+                max_terms=self._longest(), constraints=stacked_constraints(constraints), search=self.search,
             ),
         )  # fmt: skip
 
@@ -564,35 +571,25 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self.noise_ = noise
         self._layout = selected[0].compressed.layout
 
-    def _uncertainty(self, constraints, X, y, sessions):
+    def _uncertainty(self, constraints, X, y, sessions) -> list[ParameterUncertainty]:
         """Covariances from the residuals of what was fitted: one step, or free run."""
         model = self.model_
         found, sigma = [], []
-        one_step = predict_one_step(model, X, y, sessions=sessions)
         for output in range(len(model.outputs)):
-            kept = type(model.library)(
-                t for t, value in zip(model.library, model.parameters[:, output], strict=True) if value
+            present = model.parameters[:, output] != 0.0
+            kept = model.library.subset(np.flatnonzero(present))
+            inside = on_library(constraints[output], self._library, kept)
+            scales = parameter_scales(self._layout, kept, output)
+            theta = model.parameters[present, output] / scales
+            scores = one_step_scores(
+                lambda kept=kept: chunks(kept, self._layout, X, y, sessions), theta, output
             )
-            inside = on_library(constraints[output], self.candidates_, kept)
-            residual = (y - one_step)[:, output]
-            known = np.isfinite(residual)
-            spare = max(int(known.sum()) - len(kept), 1)
-            sigma.append(np.sqrt(np.sum(residual[known] ** 2) / spare))
+            sigma.append(self._layout.scale[output] * scores.residual_deviation)
             if self.noise_ != "equation" and len(model.outputs) == 1:
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
                 continue
-            layout = self._layout
-            scales = Compressed(kept, layout, None).parameter_scales(kept, output)  # type: ignore[arg-type]
-            theta = model.parameters[[model.library.index(t) for t in kept], output] / scales
-            parts = list(chunks(kept, layout, X, y, sessions))
-            n_usable = sum(part.n_rows for part in parts)
-            gram = sum(
-                (block[: len(kept)] @ block[: len(kept)].T for part in parts for block in part.blocks()),
-                np.zeros((len(kept), len(kept))),
-            )
-            scores = one_step_scores(parts, theta, output, n_usable)
             scaled = None if inside is None else inside.scaled(scales)
-            robust = parameter_uncertainty(gram, scores, scaled)
+            robust = parameter_uncertainty(scores.gram, scores.sums, scaled)
             found.append(replace(robust, covariance=robust.covariance * np.outer(scales, scales)))
         self.sigma_ = np.array(sigma)
         return found

@@ -57,7 +57,8 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     criterion : str or list of str, default=()
         Criteria whose choice of size is judged as well.
     cv : int, cross-validation splitter or iterable, default=None
-        Folds; an integer is that many of ``TimeSeriesSplit``, None five. Lags never reach across the edge of a training part.
+        Folds; an integer is that many of ``TimeSeriesSplit``, None five. Lags never reach across the edge
+        of a training part.
     rule : {"best", "one_standard_error"}, default="best"
         ``"best"`` takes the best mean score; ``"one_standard_error"`` the fewest terms whose mean score is
         within one standard error of it.
@@ -115,7 +116,7 @@ sampling_period
         structure=None,
         exclude=(),
         max_terms=20,
-        search="floating",
+        search="exchange",
         constraints=None,
         refine="auto",
         fit_intercept=True,
@@ -334,11 +335,13 @@ class _FoldedRecord:
 
     def choices(self, f: int, problem: Problem, constraints) -> list[Compressed]:
         """Return the training part of fold ``f``, compressed at the origins worth trying."""
+        chosen = self.settings
         origins = origin_choices(
-            self.settings.origin, problem, constraints, self.settings.structure, self.settings.fit_intercept
-        )
+            chosen.origin, problem, self.layout, self.X, self.y, constraints, chosen.structure,
+            chosen.fit_intercept,
+        )  # fmt: skip
         return compress_choices(
-            problem, self.layout, origins, lambda layout: self._training_factor(f, problem.library, layout)
+            problem, self.layout, origins, lambda at: self._training_factor(f, problem.library, at)
         )
 
     def _training_factor(self, f: int, library: TermLibrary, layout) -> Compressed:

@@ -4,7 +4,7 @@
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from narx_sklearn.model.terms import Term, TermLibrary
 
 # Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
 SCREENING_CANDIDATES = 500
+FORWARD_CANDIDATES = 120  # the same for a forward search, to which nothing is lost by it
 SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
 
 
@@ -76,27 +77,24 @@ class Compressed:
         pairs = zip(self.layout.channels, self.layout.origin, strict=True)
         return {name: float(value) for name, value in pairs if value != 0.0}
 
-    def parameter_scales(self, library: TermLibrary, output: int) -> np.ndarray:
-        """Return what turns parameters of scaled signals into those of measured units."""
-        scale = dict(zip(self.layout.channels, self.layout.scale, strict=True))
-        own = self.layout.scale[output]
-        return np.array([own / np.prod([scale[v.signal] for v in term.expanded]) for term in library])
-
-    def moved_to_zero(self) -> "Compressed | None":
-        """Return the same record with every origin at zero, None if the candidates do not allow it.
+    def moved(self, origin: Mapping[str, float]) -> "Compressed | None":
+        """Return the same record with other origins, None if the candidates do not allow it.
 
         A polynomial in shifted signals is a polynomial in the signals: moving the origin combines
         columns, as long as the library holds all lower powers.
         """
-        if not self.origin:
-            return self
-        # s/scale = (s - origin)/scale - (-origin/scale)
-        shift = dict(zip(self.layout.channels, -self.layout.origin / self.layout.scale, strict=True))
-        T = translation(self.library, self.layout.outputs, shift)
-        if T is None:
-            return None
-        layout = self.layout._replace(origin=np.zeros_like(self.layout.origin))
-        return Compressed(self.library, layout, self.factor.combine(T))
+        layout = with_origin(self.layout, origin)
+        steps = (layout.origin - self.layout.origin) / self.layout.scale
+        T = translation(self.library, layout.outputs, dict(zip(layout.channels, steps, strict=True)))
+        return None if T is None else Compressed(self.library, layout, self.factor.combine(T))
+
+
+def parameter_scales(layout: Layout, library: TermLibrary, output: int) -> np.ndarray:
+    """Return what turns parameters of scaled signals into those of measured units."""
+    scale = dict(zip(layout.channels, layout.scale, strict=True))
+    return np.array(
+        [layout.scale[output] / np.prod([scale[v.signal] for v in term.expanded]) for term in library]
+    )
 
 
 def translation(
@@ -173,24 +171,56 @@ def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None)
     return Layout.of(problem.outputs, problem.inputs, problem.phi, at, by_name)
 
 
-def origin_choices(origin, problem: Problem, constraints, structure, fit_intercept: bool) -> tuple:
-    """Return the origins worth trying: mappings, or the words "zero" and "mean".
+def origin_choices(
+    origin, problem: Problem, layout: Layout, X: np.ndarray, y: np.ndarray, constraints, structure, intercept
+) -> list[dict[str, float]]:
+    """Return the origins worth trying, as mappings from signals; the one compressed first stands first.
 
-    Constraints and structures speak of the signals as they are, and without a constant term an origin
-    cannot be told apart from one; there "auto" is zero.
+    "auto" tries the mean, and zero for the signals that come within their standard deviation of zero in
+    this record: for the others, as a temperature in kelvin, zero is not an operating point. Constraints and
+    structures speak of the signals as they are, and without a constant term an origin cannot be told
+    apart from one; there "auto" is zero.
+
+    Parameters
+    ----------
+    origin : {"auto", "zero", "mean"} or mapping
+        The regressor's parameter.
+    problem : Problem
+        Signals and candidates.
+    layout : Layout
+        Layout with every output and input at its mean.
+    X, y : ndarray
+        The record.
+    constraints, structure, intercept
+        The regressor's constraints of each output, structure, and whether it fits a constant.
     """
+    names = problem.outputs + problem.inputs
     if not isinstance(origin, str):
-        unknown = set(origin) - set(problem.outputs + problem.inputs)
+        unknown = set(origin) - set(names)
         if unknown:
             raise ValueError(f"origin names {sorted(unknown)}, which are neither outputs nor inputs.")
-        return (dict(origin),)
-    if origin != "auto":
-        return (origin,)
-    bound = any(len(c) for c in constraints) or structure is not None or not fit_intercept
-    return ("zero",) if bound else ("zero", "mean")
+        return [{name: float(value) for name, value in origin.items()}]
+    mean = {n: v for n, v in zip(layout.channels, layout.origin, strict=True) if n in names}
+    bound = any(len(c) for c in constraints) or structure is not None or not intercept
+    if origin == "mean":
+        return [mean]
+    if origin == "zero" or bound:
+        return [{}]
+    away = {}
+    for i, name in enumerate(names):
+        column = y[:, i] if i < len(problem.outputs) else X[:, i - len(problem.outputs)]
+        deviation = layout.scale[i]
+        if np.nanmin(column) > deviation or np.nanmax(column) < -deviation:
+            away[name] = mean[name]
+    return [mean] if away.keys() == mean.keys() else [mean, away]
 
 
-def compress_choices(problem: Problem, layout: Layout, origins: tuple, compress_at) -> list[Compressed]:
+def compress_choices(
+    problem: Problem,
+    layout: Layout,
+    origins: list[dict[str, float]],
+    compress_at: Callable[[Layout], Compressed],
+) -> list[Compressed]:
     """Compress a record at each origin; a second one costs no second pass where columns combine.
 
     Parameters
@@ -198,32 +228,28 @@ def compress_choices(problem: Problem, layout: Layout, origins: tuple, compress_
     problem : Problem
         Signals and candidates.
     layout : Layout
-        Layout with every output and input at its mean.
-    origins : tuple
+        Any layout of the signals.
+    origins : list of dict
         What `origin_choices` returned.
     compress_at : callable
         Takes a layout, returns the `Compressed` record.
     """
-    names = problem.outputs + problem.inputs
-    mean = {n: v for n, v in zip(layout.channels, layout.origin, strict=True) if n in names}
-    at = {"zero": {}, "mean": mean}
     found: list[Compressed] = []
-    for origin in sorted(origins, key=lambda o: o == "zero"):  # the mean first: zero follows from it
-        plain = found[0].moved_to_zero() if found and found[0].library == problem.library else None
-        where = at[origin] if isinstance(origin, str) else origin
-        found.append(plain if plain is not None else compress_at(with_origin(layout, where)))
+    for origin in origins:
+        moved = found[0].moved(origin) if found and found[0].library == problem.library else None
+        found.append(moved if moved is not None else compress_at(with_origin(layout, origin)))
     return found
 
 
 def total_criterion(selected: "list[Selected]", criterion: str) -> float:
     """Return the criterion of all outputs; an origin away from zero is estimated too and pays for it."""
+    price_as = "bic" if criterion == "ebic" else criterion  # an origin is not chosen among candidates
     total = 0.0
     for one in selected:
         used = {s for term in one.library for s in term.signals} & one.compressed.origin.keys()
-        n, m = one.path.n_samples, one.path.n_candidates
-        extra = len(one.support) + len(used)
-        price = information_criterion(criterion, n, n, extra, max(m, extra))
-        total += one.criterion + float(price - information_criterion(criterion, n, n, len(one.support), m))
+        n, k = one.path.n_samples, len(one.support)
+        with_origin = information_criterion(price_as, n, n, k + len(used))
+        total += one.criterion + float(with_origin - information_criterion(price_as, n, n, k))
     return total
 
 
@@ -261,16 +287,45 @@ def compress_record(
     *,
     max_terms: int,
     constraints: LinearConstraints | None = None,
+    search: str = "exchange",
+    screen: bool = True,
 ) -> Compressed:
     """Compress a record; large libraries are screened first.
+
+    A forward search wants the first terms of the ERR order only, which the passes over the data give at
+    less cost than the factor of all candidates, and exactly. The other searches are left several times as
+    many candidates as they may select.
+
+    Parameters
+    ----------
+    library : TermLibrary
+        Candidate terms.
+    layout : Layout
+        Channels with origin and scale.
+    X, y, sessions
+        The record.
+    max_terms : int
+        Largest number of terms that will be selected.
+    constraints : LinearConstraints, default=None
+        Constraints whose terms must stay candidates.
+    search : str, default="exchange"
+        The search that will follow.
+    screen : bool, default=True
+        Whether candidates may be left out.
+
+    Returns
+    -------
+    Compressed
 
     Raises
     ------
     ValueError
         If no sample has all lagged values.
     """
-    if len(library) > SCREENING_CANDIDATES:
-        library = screened_library(library, layout, X, y, sessions, max_terms, constraints)
+    forward = search == "forward" and constraints is None
+    if screen and len(library) > (FORWARD_CANDIDATES if forward else SCREENING_CANDIDATES):
+        n_terms = max_terms if forward else SCREENED_PER_TERM * max_terms
+        library = screened_library(library, layout, X, y, sessions, n_terms, constraints)
     factor = compress(chunks(library, layout, X, y, sessions))
     check_enough(factor.n_samples, library, layout, X.shape[0])
     return Compressed(library, layout, factor)
@@ -288,14 +343,14 @@ def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples:
 
 
 def screened_library(
-    library: TermLibrary, layout: Layout, X, y, sessions, max_terms: int, constraints=None
+    library: TermLibrary, layout: Layout, X, y, sessions, n_terms: int, constraints=None
 ) -> TermLibrary:
     """Return the candidates that forward ERR passes over the data put first, for all outputs."""
     candidates = Candidates.of(library, layout, lay_out(layout, X, y, sessions))
     check_enough(candidates.n_rows, library, layout, X.shape[0])
     kept: set[int] = set() if constraints is None else {int(j) for j in constraints.terms}
     for output in range(len(layout.outputs)):
-        kept |= set(screen_terms(candidates, SCREENED_PER_TERM * max_terms, output=output).order)
+        kept |= set(screen_terms(candidates, n_terms, output=output).order)
     return library.subset(sorted(kept))
 
 
@@ -364,7 +419,7 @@ def scaled_constraints(
     """Return constraints on measured-unit parameters as constraints on those of scaled signals."""
     if constraints is None or not len(constraints):
         return None
-    return constraints.scaled(compressed.parameter_scales(compressed.library, output))
+    return constraints.scaled(parameter_scales(compressed.layout, compressed.library, output))
 
 
 def on_library(
@@ -381,7 +436,7 @@ def build_model(selected: list[Selected], problem: Problem, **fields: Any) -> NA
     compressed = selected[0].compressed
     sides = {}
     for i, (output, one) in enumerate(zip(problem.outputs, selected, strict=True)):
-        scales = compressed.parameter_scales(one.library, i)
+        scales = parameter_scales(compressed.layout, one.library, i)
         sides[output] = Polynomial(zip(one.library, one.theta * scales, strict=True))
     return NARXModel.from_equations(
         sides,

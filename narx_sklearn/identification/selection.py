@@ -8,6 +8,7 @@ any search costs the same whatever the number of samples was.
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.linalg import qr, solve_triangular
 
 from narx_sklearn._validation import check_choice
@@ -23,6 +24,8 @@ COLLINEARITY = 1e-11
 IMPROVEMENT = 1e-9
 # Share of y'y at which a residual is rounding and cannot be reduced any more.
 EXACT = 1e-24
+# Sizes on either side of the criterion's minimum at which pairs of terms are exchanged.
+EXCHANGE_REACH = 2
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class _Projection:
         # unit columns: what is chosen must not depend on the units of the terms
         self.P = factor.Psi / np.where(self.usable, norms, 1.0)
         self.y = factor.target(output)
+        self.n_samples = factor.n_samples
 
     def gains(self, support: list[int]) -> tuple[float, np.ndarray]:
         """Return the residual's square for ``support`` and what each other column would take off it."""
@@ -103,6 +107,30 @@ class _Projection:
         rss = float(y_rest @ y_rest)
         return rss, removed, rss + removed[:, None] - gain
 
+    def pair_exchange(self, support: list[int]) -> tuple[float, tuple[int, int], tuple[int, int]]:
+        """Return the residual after the best exchange of two chosen columns for two others, and which.
+
+        Exact, over all pairs of pairs: with the chosen columns' dual vectors, giving two of them back is an
+        update of rank two, and the gain of two columns together needs three inner products.
+        """
+        P_rest, y_rest, Q, T = self._split(support)
+        duals = Q @ solve_triangular(T, np.eye(len(support)), trans="T", check_finite=False)
+        products = P_rest.T @ P_rest
+        numerators = P_rest.T @ y_rest
+        free = self.usable.copy()
+        best = (np.inf, (-1, -1), (-1, -1))
+        rss = float(y_rest @ y_rest)
+        for i in range(len(support)):
+            for j in range(i + 1, len(support)):
+                basis, _ = qr(duals[:, [i, j]], mode="economic", check_finite=False)
+                back = basis.T @ self.y
+                gain, a, b = _best_pair(
+                    products, numerators, np.ascontiguousarray(basis.T @ self.P), back, free, COLLINEARITY**2
+                )
+                if rss + back @ back - gain < best[0]:
+                    best = (float(rss + back @ back - gain), (i, j), (int(a), int(b)))
+        return best
+
     def collinear(self, support: list[int]) -> tuple[int, ...]:
         """Return the columns that lie in the span of ``support`` to rounding."""
         P_rest, _, _, _ = self._split(support)
@@ -125,6 +153,40 @@ class _Projection:
         open_ = self.usable & (squares > COLLINEARITY**2)
         open_[support] = False
         return np.where(open_, (y_rest @ P_rest) ** 2 / np.where(open_, squares, 1.0), -1.0)
+
+
+@njit(cache=True, nogil=True)
+def _best_pair(products, numerators, along, back, free, smallest):
+    """Return the largest joint gain of two columns, and which.
+
+    ``products`` and ``numerators`` are the inner products of the columns with each other and with the
+    target, orthogonal to the chosen ones; ``along``, shape (2, n_columns), and ``back`` are the parts along
+    two orthonormal directions that are given back to them.
+    """
+    n = numerators.size
+    best, first, second = -1.0, -1, -1
+    for a in range(n):
+        if not free[a]:
+            continue
+        x, y = along[0, a], along[1, a]
+        square_a = products[a, a] + x * x + y * y
+        if square_a <= smallest:
+            continue
+        number_a = numerators[a] + x * back[0] + y * back[1]
+        gain_a = number_a * number_a / square_a
+        for b in range(a + 1, n):
+            square_b = products[b, b] + along[0, b] ** 2 + along[1, b] ** 2
+            cross = products[a, b] + x * along[0, b] + y * along[1, b]
+            # what is left of b orthogonal to a
+            rest = square_b - cross * cross / square_a
+            if rest <= 1e-9 * square_b or square_b <= smallest or not free[b]:
+                continue
+            number = numerators[b] + along[0, b] * back[0] + along[1, b] * back[1]
+            number -= cross / square_a * number_a
+            gain = gain_a + number * number / rest
+            if gain > best:
+                best, first, second = gain, a, b
+    return best, first, second
 
 
 class _Best:
@@ -193,9 +255,43 @@ def _settle(projection: _Projection, support: list[int], best: _Best) -> None:
         return
 
 
+def _exchange(projection: _Projection, n_terms: int, start: list[int], best: _Best) -> None:
+    """Floating search; then exchanges of two terms for two others, at the sizes that may be chosen."""
+    _floating(projection, n_terms, start, best)
+    done: set[tuple[int, ...]] = set()
+    while True:
+        sizes = np.arange(len(best.rss))
+        rss = np.maximum(best.rss, best.floor)
+        values = information_criterion("ebic", rss, projection.n_samples, sizes, projection.P.shape[1])
+        likely = int(np.argmin(values))
+        window = range(max(likely - EXCHANGE_REACH, 2), min(likely + EXCHANGE_REACH, len(sizes) - 1) + 1)
+        due = [n for n in window if best.rss[n] > best.floor and best.supports[n] not in done]
+        if not due:
+            return
+        for size in due:
+            done.add(best.supports[size])
+            _exchange_pairs(projection, size, best)
+
+
+def _exchange_pairs(projection: _Projection, size: int, best: _Best) -> None:
+    """Exchange pairs of terms of one size as long as that improves it."""
+    while True:
+        support = list(best.supports[size])
+        rss, out, into = projection.pair_exchange(support)
+        kept = {column for i, column in enumerate(support) if i not in out}
+        if not best.improves(size, rss) or kept & set(into):
+            return
+        for position, column in zip(out, into, strict=True):
+            support[position] = column
+        before = best.rss[size]
+        _settle(projection, support, best)
+        if not best.rss[size] < before:
+            return
+
+
 def _iterated(projection: _Projection, n_terms: int, start: list[int], best: _Best) -> None:
     """Floating search from several first terms: those of the best sets so far, until nothing improves."""
-    _floating(projection, n_terms, start, best)
+    _exchange(projection, n_terms, start, best)
     tried: set[int] = set()
     while True:
         before = list(best.rss)
@@ -212,14 +308,14 @@ def _iterated(projection: _Projection, n_terms: int, start: list[int], best: _Be
             return
 
 
-SEARCHES = {"forward": _forward, "floating": _floating, "iterated": _iterated}
+SEARCHES = {"forward": _forward, "floating": _floating, "exchange": _exchange, "iterated": _iterated}
 
 
 def search_terms(
     factor: Factor,
     n_terms: int,
     *,
-    search: str = "floating",
+    search: str = "exchange",
     output: int = 0,
     constraints: LinearConstraints | None = None,
 ) -> SelectionPath:
@@ -231,10 +327,11 @@ def search_terms(
         The compressed record of all candidates.
     n_terms : int
         Largest number of terms to look for.
-    search : {"forward", "floating", "iterated"}, default="floating"
+    search : {"exchange", "floating", "forward", "iterated"}, default="exchange"
         ``"forward"``: the term of the largest error reduction ratio next, never looking back (2.40-2.43).
-        ``"floating"``: forward steps with removals and swaps after each. ``"iterated"``: floating from
-        several first terms.
+        ``"floating"``: forward steps with removals and swaps after each. ``"exchange"``: floating, then
+        the best exchanges of two terms for two others round the size that the extended BIC takes.
+        ``"iterated"``: exchange, from several first terms.
     output : int, default=0
         Which output.
     constraints : LinearConstraints, default=None
@@ -359,7 +456,7 @@ def criterion_minima(values, *, flat: float = 1e-3) -> list[int]:
     values = np.asarray(values, dtype=float)
     finite = values[np.isfinite(values)]
     tolerance = flat * (finite.max() - finite.min()) if finite.size else 0.0
-    minima = []
+    minima: list[int] = []
     for size in range(1, values.size):
         falls_into = values[size] < values[size - 1]
         last = size == values.size - 1

@@ -68,7 +68,7 @@ def select_on_simulation(
     criterion: str,
     n_terms: int,
     constraints: LinearConstraints | None = None,
-    search: str = "floating",
+    search: str = "exchange",
     max_iter: int = 30,
 ) -> SimulationSelection:
     """Search terms and parameters of a single-output model by its free run.
@@ -87,7 +87,7 @@ def select_on_simulation(
         Largest number of terms.
     constraints : LinearConstraints, default=None
         Constraints on the parameters of ``library``.
-    search : str, default="floating"
+    search : str, default="exchange"
         Search on the linearised regression.
     max_iter : int, default=30
         Steps of each free-run fit.

@@ -5,7 +5,7 @@ record. Their scatter holds whatever the colour of the residuals, as long as a s
 memory of the noise; with few stretches the intervals are Student's (fixed-b asymptotics).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.regressors import Candidates
 
-__all__ = ["ParameterUncertainty", "one_step_scores", "parameter_uncertainty"]
+__all__ = ["OneStepScores", "ParameterUncertainty", "one_step_scores", "parameter_uncertainty"]
 
 STRETCHES = 24  # few enough to be long, enough for intervals within 6 % of the normal's
 SHORTEST_STRETCH = 8  # samples
@@ -59,31 +59,59 @@ def n_stretches(n_samples: int) -> int:
     return int(np.clip(n_samples // SHORTEST_STRETCH, 2, STRETCHES))
 
 
-def one_step_scores(parts: Iterable[Candidates], theta: np.ndarray, output: int, n_samples: int):
-    """Return the scores psi (y - psi'theta), summed over stretches, shape (n_stretches, n_terms).
+@dataclass(frozen=True, eq=False)
+class OneStepScores:
+    """Sums over a record that the covariance of least-squares parameters is made of.
+
+    Attributes
+    ----------
+    gram : ndarray of shape (n_terms, n_terms)
+        Psi'Psi.
+    sums : ndarray of shape (n_stretches, n_terms)
+        Psi'xi, summed over stretches of the record.
+    residual_deviation : float
+        Standard deviation of the one-step residuals xi, degrees of freedom taken off.
+    """
+
+    gram: np.ndarray
+    sums: np.ndarray
+    residual_deviation: float
+
+
+def one_step_scores(
+    parts: Callable[[], Iterable[Candidates]], theta: np.ndarray, output: int
+) -> OneStepScores:
+    """Sum Gram matrix and scores psi (y - psi'theta) over a record, block by block.
 
     Parameters
     ----------
-    parts : iterable of Candidates
-        The chosen terms on the record.
+    parts : callable
+        Returns the chosen terms on the record, piece by piece; called twice.
     theta : ndarray of shape (n_terms,)
         Their parameters, in the scaled coordinates of the candidates.
     output : int
         Which output.
-    n_samples : int
-        Usable samples in all parts together.
+
+    Returns
+    -------
+    OneStepScores
     """
-    scores = np.zeros((n_stretches(n_samples), theta.size))
-    done = 0
-    for part in parts:
+    n_samples = sum(part.n_rows for part in parts())
+    sums = np.zeros((n_stretches(n_samples), theta.size))
+    gram = np.zeros((theta.size, theta.size))
+    done, power = 0, 0.0
+    for part in parts():
         for block in part.blocks():
             P = block[: theta.size]
-            weighted = P * (block[theta.size + output] - theta @ P)
-            stretch = (done + np.arange(P.shape[1])) * scores.shape[0] // n_samples
+            residual = block[theta.size + output] - theta @ P
+            gram += P @ P.T
+            power += float(residual @ residual)
+            stretch = (done + np.arange(P.shape[1])) * sums.shape[0] // n_samples
             for w in range(stretch[0], stretch[-1] + 1):
-                scores[w] += weighted[:, stretch == w].sum(axis=1)
+                inside = stretch == w
+                sums[w] += P[:, inside] @ residual[inside]
             done += P.shape[1]
-    return scores
+    return OneStepScores(gram, sums, float(np.sqrt(power / max(n_samples - theta.size, 1))))
 
 
 def parameter_uncertainty(

@@ -30,13 +30,12 @@ def is_white(residuals: np.ndarray, sessions=None) -> bool:
     if n_lags < 1:
         return True
     e = np.where(known, residuals - residuals[known].mean(), 0.0)
-    power = e @ e
+    power = float(e @ e)
     if not power > 0.0:
         return True
+    pieces = session_slices(sessions, e.size)
     statistic = 0.0
     for lag in range(1, n_lags + 1):
-        product = sum(
-            e[p][lag:] @ e[p][:-lag] for p in session_slices(sessions, e.size) if p.stop - p.start > lag
-        )
+        product = sum(float(e[p][lag:] @ e[p][:-lag]) for p in pieces if p.stop - p.start > lag)
         statistic += n * (n + 2) * (product / power) ** 2 / (n - lag)
     return bool(statistic <= chi2.ppf(1.0 - LEVEL, n_lags))

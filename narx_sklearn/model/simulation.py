@@ -237,11 +237,11 @@ def _simulate(
 def simulation_state(layout: Layout, X: np.ndarray, y: np.ndarray, first: int):
     """Return flattened channels, phi states and phi program for a run from row ``first``.
 
-    Rows of ``y`` before ``first`` are the initial condition; later ones are not read, and in the channels
-    they are undefined until the run writes them. Before the first sample signals are held.
+    Rows of ``y`` before ``first`` are the initial condition; later ones are not read. Before the first
+    sample signals are held.
     """
     n_outputs, n_signals = len(layout.outputs), len(layout.outputs) + len(layout.inputs)
-    data = np.empty((X.shape[0], len(layout.channels)))
+    data = np.zeros((X.shape[0], len(layout.channels)))
     data[:first, :n_outputs] = y[:first]
     data[:, n_outputs:n_signals] = X
     for i, phi in enumerate(layout.phi):
