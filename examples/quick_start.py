@@ -17,7 +17,7 @@ N_TRAIN = 3000
 
 def main(folder: Path) -> None:
     """Identify, print, draw."""
-    plant = make_duffing(4500, noise=2e-5, random_state=0)
+    plant = make_duffing(4500, noise=0.01, random_state=0)
     force, position = plant.X, plant.y
     train, test = slice(0, N_TRAIN), slice(N_TRAIN, None)
 
@@ -30,6 +30,7 @@ def main(folder: Path) -> None:
     print(narx.summary().to_string(index=False))
     print(f"\nnoise taken to be on the {narx.noise_}")
     print(f"free run on held-out data: RMSE {error:.3g} m, standard deviation {position[test].std():.3g} m")
+    print(f"against the noise-free truth: RMSE {rmse(plant.truth.y[test], simulated):.3g} m")
     tests = residual_tests(position[test].to_numpy() - simulated, force[test])
     print(tests.verdict)
     draw(plant, test, simulated, folder / "quick_start.png")

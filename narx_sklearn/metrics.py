@@ -24,9 +24,8 @@ def rmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
         Simulated or predicted output. Infinities give an infinite error.
     sample_weight : array-like of shape (n_samples,), default=None
         Weights, or a boolean mask: a sample of weight 0 is left out, whatever it holds.
-    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,), \
-default="uniform_average"
-        One value per output, their mean, or their mean with these weights.
+    multioutput : str or array-like of shape (n_outputs,), default="uniform_average"
+        One value per output (``"raw_values"``), their mean, or their mean with these weights.
 
     Returns
     -------
@@ -65,9 +64,8 @@ def nrmse(y_true, y_pred, *, normalization="std", sample_weight=None, multioutpu
         Divide by the standard deviation of the measured output or by its range.
     sample_weight : array-like of shape (n_samples,), default=None
         Weights, or a boolean mask: a sample of weight 0 is left out, whatever it holds.
-    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,), \
-default="uniform_average"
-        One value per output, their mean, or their mean with these weights.
+    multioutput : str or array-like of shape (n_outputs,), default="uniform_average"
+        One value per output (``"raw_values"``), their mean, or their mean with these weights.
 
     Returns
     -------
@@ -109,9 +107,8 @@ def fit_percent(y_true, y_pred, *, sample_weight=None, multioutput="uniform_aver
         Simulated or predicted output. Infinities give a fit of minus infinity.
     sample_weight : array-like of shape (n_samples,), default=None
         Weights, or a boolean mask: a sample of weight 0 is left out, whatever it holds.
-    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,), \
-default="uniform_average"
-        One value per output, their mean, or their mean with these weights.
+    multioutput : str or array-like of shape (n_outputs,), default="uniform_average"
+        One value per output (``"raw_values"``), their mean, or their mean with these weights.
 
     Returns
     -------
@@ -153,9 +150,8 @@ def mape(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
         Simulated or predicted output. Infinities give an infinite error.
     sample_weight : array-like of shape (n_samples,), default=None
         Weights, or a boolean mask: a sample of weight 0 is left out, also of the range.
-    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_outputs,), \
-default="uniform_average"
-        One value per output, their mean, or their mean with these weights.
+    multioutput : str or array-like of shape (n_outputs,), default="uniform_average"
+        One value per output (``"raw_values"``), their mean, or their mean with these weights.
 
     Returns
     -------
@@ -200,8 +196,7 @@ def nsavi(reference, compensation, *, sessions=None, multioutput="uniform_averag
         Compensation input m. NaN marks gaps.
     sessions : array-like of shape (n_samples,), default=None
         Label of the recording each sample belongs to; no step from one to the next is counted.
-    multioutput : {"raw_values", "uniform_average"} or array-like of shape (n_inputs,), \
-default="uniform_average"
+    multioutput : str or array-like of shape (n_outputs,), default="uniform_average"
         One value per input, their mean, or their mean with these weights.
 
     Returns

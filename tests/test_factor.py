@@ -90,7 +90,9 @@ def test_column_subsets_combinations_and_weights_are_factors_again():
     np.testing.assert_allclose(factor.subset([3, 1]).R, dense_triangle(Psi[:, [3, 1]], Y), atol=1e-12)
     T = rng.normal(size=(6, 5))
     combined = np.column_stack([Psi, Y]) @ T
-    np.testing.assert_allclose(factor.combine(T).R, dense_triangle(combined[:, :3], combined[:, 3:]), atol=1e-12)
+    np.testing.assert_allclose(
+        factor.combine(T).R, dense_triangle(combined[:, :3], combined[:, 3:]), atol=1e-12
+    )
     np.testing.assert_allclose(factor.scaled(0.25).R, 0.5 * factor.R)
     assert factor.sum_of_squares(1) == pytest.approx(Y[:, 1] @ Y[:, 1])
 

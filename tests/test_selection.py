@@ -16,7 +16,7 @@ from narx_sklearn.identification import (
     search_terms,
     size_window,
 )
-from narx_sklearn.identification.selection import _Projection
+from narx_sklearn.identification.selection import _best_pair, _Projection
 
 
 @st.composite
@@ -27,7 +27,9 @@ def regressions(draw):
     Psi = rng.normal(size=(n_samples, n_terms)) + draw(st.sampled_from([0.0, 3.0])) * rng.normal(
         size=(n_samples, 1)
     )
-    return Psi, Psi @ rng.normal(size=n_terms) + draw(st.sampled_from([0.1, 5.0])) * rng.normal(size=n_samples)
+    return Psi, Psi @ rng.normal(size=n_terms) + draw(st.sampled_from([0.1, 5.0])) * rng.normal(
+        size=n_samples
+    )
 
 
 def residual_square(Psi, y, support):
@@ -117,6 +119,17 @@ def test_the_best_exchange_of_pairs_is_that_of_brute_force(regression, data):
         best = min([best, *(after(pair, two) for two in combinations(sorted(free), 2))])
     assert rss == pytest.approx(best, rel=1e-7, abs=1e-9 * (y @ y))
     assert after(out, into) == pytest.approx(rss, rel=1e-7, abs=1e-9 * (y @ y))
+
+
+@given(st.integers(0, 999))
+def test_the_pair_kernel_is_its_python_original(seed):
+    rng = np.random.default_rng(seed)
+    A, along = rng.normal(size=(9, 6)), rng.normal(size=(2, 6))
+    A[:, 3] = along[:, 3] = 0.0
+    arguments = (A.T @ A, rng.normal(size=6), along, rng.normal(size=2), rng.random(6) < 0.8, 1e-22)
+    gain, first, second = _best_pair(*arguments)
+    assert (first, second) == _best_pair.py_func(*arguments)[1:]
+    assert gain == pytest.approx(_best_pair.py_func(*arguments)[0], rel=1e-12)
 
 
 @given(regressions())
@@ -211,7 +224,9 @@ def test_unknown_search_lists_the_choices():
 
 def test_minima_and_window_of_the_thesis():
     """Section 5.2.1.1: local minima at 9, 12 and 17 terms give the sizes 7 to 14."""
-    values = np.array([30, 25, 20, 16, 13, 11, 9, 8, 7, 5, 5.5, 5.2, 4, 4.4, 4.3, 4.2, 4.1, 3.5, 3.6, 3.7, 3.8])
+    values = np.array(
+        [30, 25, 20, 16, 13, 11, 9, 8, 7, 5, 5.5, 5.2, 4, 4.4, 4.3, 4.2, 4.1, 3.5, 3.6, 3.7, 3.8]
+    )
     minima = criterion_minima(values)
     assert minima == [9, 12, 17]
     assert size_window(minima, n_max=20) == [7, 8, 9, 10, 11, 12, 13, 14]

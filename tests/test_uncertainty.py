@@ -42,7 +42,7 @@ def test_one_step_intervals_cover_under_white_and_coloured_residuals(pole, n_sam
         candidates = response_record(rng, n_samples, pole)
         Psi, y = candidates.matrix(), candidates.targets[:, 0]
         theta = np.linalg.lstsq(Psi, y, rcond=None)[0]
-        scores = one_step_scores(lambda: [candidates], theta, 0)
+        scores = one_step_scores(lambda parts=(candidates,): parts, theta, 0)
         low, high = parameter_uncertainty(scores.gram, scores.sums).intervals(theta).T
         hits += (low <= truth) & (truth <= high)
         white = 1.96 * scores.residual_deviation * np.sqrt(np.diag(np.linalg.inv(Psi.T @ Psi)))

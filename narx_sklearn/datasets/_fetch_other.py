@@ -99,9 +99,10 @@ def fetch_bh_loops(material: str = "mnzn_ferrite", *, data_home: PathLike = None
 
     Parameters
     ----------
-    material : {"mnzn_ferrite", "mnzn_hp_ferrite", "amorphous_alloy", "m130_27s_steel"}
-        Default "mnzn_ferrite". Isotropic Mn-Zn ferrite, high-permeability Mn-Zn ferrite, amorphous alloy with
-        perpendicular anisotropy (a single loop), electrical steel along the easy axis.
+    material : str, default="mnzn_ferrite"
+        "mnzn_ferrite", "mnzn_hp_ferrite", "amorphous_alloy" or "m130_27s_steel": isotropic Mn-Zn
+        ferrite, high-permeability Mn-Zn ferrite, amorphous alloy with perpendicular anisotropy (a single
+        loop), electrical steel along the easy axis.
     data_home : path-like or None, default=None
         Folder for downloads; None is the cache folder of the operating system. Ignored where the
         environment variable NARX_SKLEARN_DATA names a folder of local copies.

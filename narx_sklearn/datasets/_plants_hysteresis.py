@@ -215,7 +215,7 @@ def make_mr_damper(
         In 1/cm^2.
     n, A : float, defaults 2.0, 47.2
         Exponent and slope of the yield element, without unit.
-    eta : float
+    eta : float, default=251.0
         Rate of the driver in 1/s.
     x0 : float, default=0.0
         Displacement at which the accumulator is without force, in cm.

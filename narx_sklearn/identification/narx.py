@@ -135,7 +135,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     origin : {"auto", "zero", "mean"} or mapping of {str: float}, default="auto"
         Operating point from which signals count inside the terms. ``"auto"`` takes the mean for signals
         that never come within their standard deviation of zero, such as a temperature in kelvin, and for
-        the others what gives the better criterion, zero or the mean. What is selected does not depend on units in any case.
+        the others what gives the better criterion, zero or the mean. What is selected does not depend on
+        units in any case.
     sampling_period : float, default=None
         Seconds between samples, kept in the model.
 
@@ -292,8 +293,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X, y, sessions
-            As for `fit`.
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs of the batch.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Outputs of the batch.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample.
 
         Returns
         -------
@@ -641,10 +646,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X, y, sessions
-            As for `predict_one_step`.
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Measured outputs.
         steps : int
             Horizon in samples.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample.
 
         Returns
         -------

@@ -93,7 +93,7 @@ sampling_period
     >>> y = np.zeros(600)
     >>> for k in range(2, 600):
     ...     y[k] = 0.6 * y[k - 1] - 0.2 * y[k - 2] + u[k - 1, 0] ** 2 + 0.01 * rng.normal()
-    >>> search = NARXRegressorCV(max_terms=6).fit(u, y)
+    >>> search = NARXRegressorCV(max_terms=6, rule="one_standard_error").fit(u, y)
     >>> search.best_estimator_.terms_
     ['y[k-1]', 'y[k-2]', 'u[k-1]^2']
     >>> round(search.best_score_, 2)
@@ -217,6 +217,8 @@ sampling_period
         X, y = inputs, outputs
         in_time = self.cv is None or isinstance(self.cv, Integral)
         cv = TimeSeriesSplit(5 if self.cv is None else int(self.cv)) if in_time else check_cv(self.cv)
+        if X.shape[0] < 2:
+            raise ValueError(f"Folds need at least two samples, got n_samples = {X.shape[0]}.")
         folds = list(cv.split(X))
         union = Problem(
             problems[0].outputs,

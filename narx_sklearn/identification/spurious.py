@@ -155,7 +155,8 @@ def detect_spurious_clusters(
     Notes
     -----
     The references describe the signs (iii) to (v) and leave the judgement to the reader. The thresholds are
-    ours, and so are the standard error and the comparison with models that lack the cluster.
+    ours, and so are the standard error and the comparison with models that lack the cluster. Clusters of
+    signals that count from an operating point are those of the deviations from it.
 
     Examples
     --------

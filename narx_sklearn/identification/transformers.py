@@ -35,7 +35,7 @@ class _SignalTransformer(TransformerMixin, BaseEstimator):
         X : array-like of shape (n_samples, n_signals)
             Signals; NaN marks gaps. A DataFrame's columns name them (``"drive [V]"`` gives ``drive``),
             otherwise they are ``u``, or ``u1, u2, ...``.
-        y : None
+        y : None, default=None
             Not used.
 
         Returns
@@ -74,7 +74,7 @@ class _SignalTransformer(TransformerMixin, BaseEstimator):
         ----------
         X : array-like of shape (n_samples, n_signals)
             Signals.
-        y : None
+        y : None, default=None
             Not used.
         sessions : array-like of shape (n_samples,), default=None
             One label a sample.

@@ -61,9 +61,11 @@ def asymmetric_sign(u, *, rising=(1.0,), falling=(-1.0,), threshold: float = 0.0
     ----------
     u : array-like of shape (n_samples,)
         Input.
-    rising, falling : sequence of float
-        Coefficients of the powers 0, 1, 2, ... of ``u[k]``; the example (2.66) is ``rising=(0, 1)``,
-        ``falling=(-1,)``, and the defaults make the plain sign of the difference.
+    rising : sequence of float, default=(1.0,)
+        Coefficients of the powers 0, 1, 2, ... of ``u[k]`` while it rises; the example (2.66) is
+        ``rising=(0, 1)``, ``falling=(-1,)``, and the defaults make the plain sign of the difference.
+    falling : sequence of float, default=(-1.0,)
+        The same while it falls.
     threshold : float, default=0.0
         Change of the input, in its unit, up to which it counts as resting; 0 or more.
 
