@@ -1,6 +1,7 @@
 """NARXRegressor: identification of polynomial NARX models as a scikit-learn estimator."""
 
 from dataclasses import replace
+from functools import partial
 from numbers import Integral, Real
 
 import numpy as np
@@ -586,9 +587,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             inside = on_library(constraints[output], self._library, kept)
             scales = parameter_scales(self._layout, kept, output)
             theta = model.parameters[present, output] / scales
-            scores = one_step_scores(
-                lambda kept=kept: chunks(kept, self._layout, X, y, sessions), theta, output
-            )
+            parts = partial(chunks, kept, self._layout, X, y, sessions)
+            scores = one_step_scores(parts, theta, output)
             sigma.append(self._layout.scale[output] * scores.residual_deviation)
             if self.noise_ != "equation" and len(model.outputs) == 1:
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
