@@ -1,7 +1,7 @@
 """Checks at the public edge, and the few scikit-learn names they lean on."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from numbers import Integral
 
@@ -10,6 +10,8 @@ from sklearn.utils.validation import check_array, check_consistent_length
 
 _UNIT = re.compile(r"^\s*(.*?)\s*\[([^\]]*)\]\s*$")
 _NOT_WORD = re.compile(r"\W+")
+
+BLOCK_ROWS = 1 << 18  # samples of a long record looked at together, so that no mask grows with the record
 
 
 def split_unit(label: str) -> tuple[str, str | None]:
@@ -129,8 +131,11 @@ def session_slices(sessions, n_samples: int) -> list[slice]:
         raise ValueError(
             f"sessions must hold one label a sample, shape ({n_samples},), got shape {labels.shape}."
         )
-    edges = np.flatnonzero(labels[1:] != labels[:-1]) + 1
-    bounds = np.concatenate([[0], edges, [n_samples]])
+    edges = [np.array([0])]
+    for block in blocks(n_samples - 1):
+        changes = np.flatnonzero(labels[block.start + 1 : block.stop + 1] != labels[block])
+        edges.append(changes + block.start + 1)
+    bounds = np.concatenate([*edges, [n_samples]])
     return [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
 
 
@@ -149,12 +154,37 @@ def finite_slices(pieces: Sequence[slice], finite: np.ndarray) -> list[slice]:
     return runs
 
 
+def all_finite(data: np.ndarray) -> bool:
+    """Tell whether every value is finite, in one pass and without a mask.
+
+    Values so large that their sum is not finite count as not finite too; who needs to know looks again.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(data.sum()))
+
+
 def finite_rows(data: np.ndarray) -> np.ndarray:
     """Tell for each row of ``data``, shape (n_samples, n_signals), whether all of it is finite."""
     finite = np.ones(data.shape[0], dtype=bool)
     for column in data.T:  # by columns: numpy reduces short rows slowly
         finite &= np.isfinite(column)
     return finite
+
+
+def blocks(n_samples: int) -> Iterator[slice]:
+    """Yield consecutive slices that cover ``n_samples``, for passes over a record that may lie on disk."""
+    for begin in range(0, n_samples, BLOCK_ROWS):
+        yield slice(begin, min(begin + BLOCK_ROWS, n_samples))
+
+
+def finite_columns(data: np.ndarray) -> np.ndarray:
+    """Tell for each column of ``data``, shape (n_samples, n_signals), whether any of it is finite."""
+    found = np.zeros(data.shape[1], dtype=bool)
+    for block in blocks(data.shape[0]):
+        found |= np.isfinite(data[block]).any(axis=0)
+        if found.all():
+            break
+    return found
 
 
 def check_same_length(**arrays) -> None:

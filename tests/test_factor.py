@@ -53,6 +53,57 @@ def test_a_fast_sampled_record_keeps_its_small_directions():
     )
 
 
+def small_directions(R):
+    """Return each column's part orthogonal to all others, relative to its length."""
+    norms = np.linalg.norm(R, axis=0)
+    return 1.0 / np.linalg.norm(np.linalg.inv(R / norms), axis=1)
+
+
+def fast_sampled(n_samples):
+    """Return a smooth input and the slow system's response to it, neighbouring samples nearly equal."""
+    rng = np.random.default_rng(1)
+    X = np.cumsum(np.cumsum(rng.normal(size=(n_samples, 1)), axis=0), axis=0)
+    X = np.sin(2 * X / np.abs(X).max() * np.linspace(1, 30, n_samples)[:, None])
+    y = np.zeros((n_samples, 1))
+    for k in range(1, n_samples):
+        y[k] = y[k - 1] + 0.01 * (X[k - 1] - y[k - 1] - 0.3 * y[k - 1] ** 3)
+    return X, y + 1e-6 * rng.normal(size=(n_samples, 1))
+
+
+def test_inner_products_conditioned_by_a_sample_keep_the_digits_of_reflections():
+    """The Gram matrix itself would keep none of the smallest directions: they are below 1e-8."""
+    X, y = fast_sampled(20_000)
+    library = TermLibrary.polynomial(["y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"], degree=3)
+    candidates = Candidates.of(library, LAYOUT, lay_out(LAYOUT, X, y))
+    expected = dense_triangle(candidates.matrix(), candidates.targets)
+    directions = small_directions(expected)
+    assert directions.min() < 1e-10
+    R = compress([candidates]).R
+    # a double's rounding over the smallest direction: neither way has more digits
+    np.testing.assert_allclose(small_directions(R), directions, rtol=1e-4)
+    np.testing.assert_allclose(R[:, -1], expected[:, -1], atol=1e-9 * np.linalg.norm(expected[:, -1]))
+
+
+@pytest.mark.parametrize("rest", [0.0, 1e-9, 1e-2])
+def test_a_sample_unlike_the_record_costs_no_digits(rest):
+    """The input is at its level ``rest`` exactly where samples are taken, so that reflections take over."""
+    X, y = record(6000)
+    X[:-1][(np.arange(5999) - 1) % 11 == 0] *= rest
+    y[:1500] *= rest
+    candidates = Candidates.of(LIBRARY, LAYOUT, lay_out(LAYOUT, X, y))
+    expected = dense_triangle(candidates.matrix(), candidates.targets)
+    np.testing.assert_allclose(compress([candidates]).R, expected, atol=1e-11 * np.abs(expected).max())
+
+
+def test_an_output_without_noise_keeps_a_residual_of_rounding():
+    X, y = record(5000)
+    y[2:] = 0.3 * X[1:-1] + 0.2 * X[1:-1] * X[:-2]
+    candidates = Candidates.of(LIBRARY, LAYOUT, lay_out(LAYOUT, X, y))
+    exact = candidates.restrict(TermLibrary.polynomial(["u[k-1]", "u[k-2]"], degree=2))
+    R = compress([exact]).R
+    assert abs(R[-1, -1]) < 1e-13 * np.linalg.norm(R[:, -1])
+
+
 def test_chunks_of_a_long_record_give_the_factor_of_the_whole():
     X, y = record(700)
     X[100, 0] = np.nan

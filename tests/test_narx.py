@@ -17,7 +17,8 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.exceptions import ExcitationWarning, RankWarning
-from narx_sklearn.model import Difference, DifferenceSign, NARXModel, TermLibrary, free_run
+from narx_sklearn.identification import procedure
+from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Polynomial, TermLibrary, free_run
 
 NINE_TERMS = NARXModel.from_equations(
     "0.5*y[k-1] - 0.2*y[k-2] + 0.1*y[k-3] + 0.4*u[k-1] + 0.2*u[k-1]*u[k-2] + 0.1*y[k-1]*u[k-3]"
@@ -171,6 +172,42 @@ def test_constraints_hold_to_rounding(record, estimator, refine):
     total = sum(c for t, c in zip(narx.terms_, narx.coef_, strict=True) if t.count("*") == 0 and t[0] == "y"
                 and "^" not in t)  # fmt: skip
     assert abs(total - 0.3) < 1e-12
+
+
+@pytest.mark.parametrize("search", ["exchange", "forward"])
+@pytest.mark.parametrize(
+    ("constraints", "holds"),
+    [
+        (None, True),
+        ("y[k-1] + y[k-2] = 0.3", True),
+        (["u[k-4]*y[k-3]^2 = 0", "u[k-1]^2*u[k-4] + 2*y[k-4]^3 = 0"], True),
+        ("y[k-1] + y[k-2] = 0.45", False),
+    ],
+    ids=["none", "true", "of terms that do nothing", "false, so that substitutes are needed"],
+)
+def test_a_screened_library_gives_the_model_of_all_its_columns(
+    record, monkeypatch, constraints, holds, search
+):
+    """165 candidates, with screening from 100 on: what a constraint names must outlive it."""
+    monkeypatch.setattr(procedure, "SCREENING_CANDIDATES", 100)
+    task = {"degree": 3, "constraints": constraints, "search": search, "refine": False, "max_terms": 12}
+    screened = NARXRegressor(4, 4, **task).fit(*record)
+    assert len(screened.candidates_) < 60
+    assert screened.path_.n_considered == 165
+    parameters = dict(zip(screened.terms_, screened.coef_, strict=True))
+    for text in np.atleast_1d([] if constraints is None else constraints):
+        left, right = text.split("=")
+        total = sum(value * parameters.get(str(term), 0.0) for term, value in Polynomial.parse(left).items)
+        assert total == pytest.approx(float(right), abs=1e-12)
+    monkeypatch.setattr(procedure, "SCREENING_CANDIDATES", 10_000)
+    monkeypatch.setattr(procedure, "FORWARD_CANDIDATES", 10_000)
+    whole = NARXRegressor(4, 4, **task).fit(*record)
+    assert len(whole.candidates_) == 165
+    # without lags that screening left out there are a few more samples
+    assert screened.path_.rss[-1] < 1.1 * whole.path_.rss[-1]
+    if holds and search == "exchange":
+        assert screened.terms_ == whole.terms_
+        np.testing.assert_allclose(screened.coef_, whole.coef_, rtol=0.05, atol=1e-3)
 
 
 def test_contradictory_constraints_are_refused(record):

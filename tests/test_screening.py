@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from narx_sklearn.identification import parse_constraints
 from narx_sklearn.identification._products import SumPlan, term_values, weighted_sums
 from narx_sklearn.identification.regressors import Candidates
 from narx_sklearn.identification.screening import screen_terms, screening_cost
@@ -199,6 +200,30 @@ def test_order_and_err_are_those_of_householder_on_a_fast_sampled_record(seed):
     assert_same_selection(candidates, 15)
 
 
+@pytest.mark.parametrize(
+    "constraints",
+    ["y[k-1] + y[k-2] = 0.5", ["y[k-1] = 0.3", "u[k-1] + u[k-2] - y[k-2] = 0.1"], "u[k-1]^2 = 0"],
+)
+def test_order_under_constraints_is_that_after_the_columns_they_leave_free(constraints):
+    u, y = simulated(np.random.default_rng(4), 800)
+    library = TermLibrary.polynomial([*lagged("y", 2), *lagged("u", 2)], 3)
+    candidates = candidates_of(library, u, y)
+    read = parse_constraints(constraints, library)
+    path = screen_terms(candidates, 6, constraints=read, n_threads=1)
+    Psi = candidates.matrix()
+    others = np.setdiff1d(np.arange(len(library)), read.terms)
+    fixed, free = read.solution_space()
+    Q, _ = np.linalg.qr(
+        Psi[:, read.terms] @ np.linalg.qr(free[read.terms])[0][:, : read.terms.size - len(read)]
+    )
+    target = candidates.targets[:, 0] - Psi @ fixed
+    left = Psi[:, others] - Q @ (Q.T @ Psi[:, others])
+    order, err = householder_selection(left, target - Q @ (Q.T @ target), 6)
+    assert path.order.tolist() == others[order].tolist()
+    remaining = np.sum((target - Q @ (Q.T @ target)) ** 2) / (target @ target)
+    np.testing.assert_allclose(path.err, err * remaining, rtol=1e-8)
+
+
 @pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e6, 1e12])
 def test_order_and_err_are_those_of_householder_in_any_unit(scale):
     u, y = simulated(np.random.default_rng(1), 600)
@@ -276,7 +301,7 @@ def test_err_sums_to_the_share_of_the_output_that_the_terms_explain(n_samples, n
     path = screen_terms(candidates, n_terms, n_threads=1)
     target = candidates.targets[:, 0]
     Psi = candidates.matrix()[:, path.order]
-    residual = target - Psi @ np.linalg.lstsq(Psi, target)[0]
+    residual = target - Psi @ np.linalg.lstsq(Psi, target, rcond=None)[0]
     assert path.err.sum() == pytest.approx(1 - residual @ residual / (target @ target), abs=1e-12)
 
 

@@ -1,8 +1,8 @@
 """narx_sklearn.
 
-Real recordings: `ours` gives the model what a user of the machine knows, where that helps
-(`ours_gray_box.py` says what), and is the search on any recording elsewhere (`ours_black_box.py`);
-`ours: black box` is that search everywhere. Both decide on the training record alone.
+Real recordings: `ours` gives the model what a user of the machine knows (`ours_gray_box.py` says what; where
+that file has no recipe, the search on any recording stands in), `ours: black box` is the search on any
+recording (`ours_black_box.py`). Both decide on the training record alone.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,11 +1,27 @@
 """What a user of each machine knows of it, put into a NARX model; the training record gives all parameters.
 
 Each recipe starts from a model with the right kinds of terms and rough parameters, fits it to the free run,
-and makes it richer for as long as the free run on the validation part of the training record gets better. The
-knowledge given is the first paragraph of each function. Values are never given, except for the corner
-frequencies of the filters in `wiener_hammerstein`, which are its start.
+and makes it richer for as long as that pays. The knowledge given is the first paragraph of each function.
+Values are never given, except for the corner frequencies of the filters in `wiener_hammerstein`, which are
+its start, and the end of the sensor's range in `tanks`.
 
-Silverbox and F-16 have no recipe: the search on any recording finds polynomials that need no more.
+How it was decided. In code, on the training record alone, every time a recipe runs:
+
+- silverbox: number of lags and of terms, by extrapolation from quiet to loud samples;
+- emps: step, turning velocity and stretches, by cross-validation between the halves of the record;
+- tanks: degree of the emptying curves, and whether and from where the upper tank overflows, on the
+  validation part;
+- wiener_hammerstein: number of curves of the saturation, on the validation part;
+- bouc_wen: groups of terms, on the validation part;
+- f16: number of lags and groups of terms, on the validation part.
+
+`WORTH` is the same for all. What a recipe tries (lists of groups, grids, starts) was written from the
+machine's known physics and from errors on the training record. Test errors seen on the way: those of the
+tanks, Wiener-Hammerstein and Bouc-Wen while these recipes were developed, and of an earlier recipe for EMPS
+(2.9 mm), which was replaced by rules fixed beforehand: 10.3 mm with terms searched on the validation part,
+5.1 mm with the one here. Silverbox's and F-16's were run once and kept; a stricter rule for Silverbox, whose
+search sees quiet samples only, gave 0.219 and 0.399 mV (arrow) and did not replace the first, whose error on
+the training record's loud samples is lower.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,14 +31,32 @@ from itertools import product
 import numpy as np
 from harness.recordings import RECORDINGS, SearchSpec
 from harness.search import free_run_rmse
-from scipy.signal import cheby1, cheby2
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import cheby1, cheby2, lfilter
 
+from methods.ours_black_box import judge_on_validation
 from methods.ours_hidden import Condition, Equations, build, conditions, equations_of, extended, lags
-from methods.ours_state import OurModel, fit_free_run
+from methods.ours_state import OurModel, StartingState, fit_free_run, quiet_run
 from narx_sklearn import NARXRegressor
-from narx_sklearn.model import AbsoluteDifference, Difference, NARXModel, Phi, SmoothSign
+from narx_sklearn.identification import refine_free_run
+from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
+from narx_sklearn.model import AbsoluteDifference, Difference, NARXModel, SmoothSign, Term
 
+FORGET = 2 * np.pi * 1.0 / 400.0  # 1 Hz at the sampling of F-16, in radians a sample
+SMALL = 1e-6
+F16_GROUPS: tuple["Equations", ...] = tuple(
+    {output: dict.fromkeys(terms, SMALL)}
+    for output, terms in (
+        ("y", ("d[k-1]^2", "d[k-2]^2", "d[k-1]*d[k-2]")),
+        ("y", ("d[k-1]^3", "d[k-2]^3", "d[k-1]^2*d[k-2]", "d[k-1]*d[k-2]^2")),
+        ("y", ("d[k-1]*y[k-1]", "d[k-1]^2*y[k-1]", "d[k-1]*y[k-1]^2", "d[k-2]^2*y[k-2]")),
+        ("y", ("d[k-1]*a[k-1]", "v[k-1]*a[k-1]", "d[k-1]^2*v[k-1]")),
+        ("y", ("s[k-1]", "s[k-2]", "s[k-3]")),
+        ("d", ("y[k-2]", "u[k-1]", "u[k-2]")),
+    )
+)
 MAX_CURVES = 6
+LOUD = 0.7  # of the largest amplitude: above it a seventh of Silverbox's samples
 WORTH = 0.97  # a term that leaves more of the validation error than this is not worth having
 
 
@@ -39,6 +73,7 @@ class _Trainer:
     skip: int = 0
     rounds: int = 2
     horizons: tuple[int | None, ...] = (None,)
+    warm: bool = False  # judge by a run that begins with the search part, when states are long forgotten
 
     def fit(self, model: NARXModel, part: slice, **settings) -> OurModel:
         """Fit to the free run of a part of the record; samples at the sensor's limit say nothing."""
@@ -55,6 +90,8 @@ class _Trainer:
 
     def judge(self, model: OurModel) -> float:
         """Return the free-run error on the validation part."""
+        if self.warm:
+            return judge_on_validation(model, self.X, self.y, self.spec)
         part = self.spec.validation
         return free_run_rmse(model, self.X[part], self.y[part], self.spec.n_state)
 
@@ -76,9 +113,51 @@ class _Trainer:
             error, best = trial_error, trial
         return best
 
+    def pick(self, model: NARXModel, groups: Sequence[Equations]) -> tuple[float, OurModel]:
+        """Try groups of terms in turn, twice, and keep those that pay; return the judgement and the model."""
+        error, best = self.trial(model)
+        for more in (*groups, *groups):
+            trial_error, trial = self.trial(extended(best.model, more))
+            if trial_error < WORTH * error:
+                error, best = trial_error, trial
+        return error, best
+
     def finish(self, model: NARXModel, **settings) -> OurModel:
         """Fit on the whole training record."""
         return self.fit(model, self.spec.final, **settings)
+
+
+def silverbox(X: np.ndarray, y: np.ndarray, spec: SearchSpec) -> OurModel:
+    """A mass on a spring that hardens like a cube, to be used at larger amplitudes than were recorded.
+
+    So the current input is a candidate, and products, up to degree three, are of the newest three lags. For
+    each number of lags and of terms, the terms are searched by what they change in the free run. The choice
+    among these is by extrapolation, which the training record can show too: parameters fitted to its quiet
+    samples, error on the loud ones of the validation part.
+    """
+    train = _Trainer(X, y, spec, OurModel(None), head=200)
+    loud = maximum_filter1d(np.abs(y), 61) > LOUD * np.abs(y).max()
+    quiet = replace(train, y=np.where(loud, np.nan, y), rounds=1)
+    part = slice(spec.fit.start, spec.validation.stop)
+    judged = loud[part] & (np.arange(part.start, part.stop) >= spec.validation.start)
+    trials = []
+    for n_lags, size in product((4, 6, 8), (30, 40)):
+        narx = NARXRegressor(
+            n_lags, n_lags, delay=0, degree=3, structure=_linear_or_newest,
+            n_terms=size, max_terms=size, refine=False, origin="zero",
+        ).fit(X[spec.fit, None], y[spec.fit])  # fmt: skip
+        start = train.fit(narx.model_, spec.fit, horizons=(200, None)).model
+        record = FreeRunData(X[spec.fit, None], y[spec.fit, None], None)
+        found = select_on_simulation(start, narx.candidates_, record, criterion="bic", n_terms=size)
+        model = quiet.fit(found.fit.model, spec.fit)
+        run = model.predict(X[part], y[part][: spec.n_state])
+        error = np.sqrt(np.mean((run - y[part])[judged] ** 2))
+        trials.append((error, len(trials), found.fit.model))
+    return train.finish(min(trials)[2])
+
+
+def _linear_or_newest(term: Term) -> bool:
+    return term.degree <= 1 or all(variable.lag <= 3 for variable in term.variables)
 
 
 def bouc_wen(X: np.ndarray, y: np.ndarray, spec: SearchSpec) -> OurModel:
@@ -221,55 +300,110 @@ def _tanks_known(model: NARXModel, inflow: float) -> list[Condition]:
     return wanted
 
 
+def f16(X: np.ndarray, y: np.ndarray, spec: SearchSpec) -> OurModel:
+    """An aircraft: some ten modes, and clearance and friction where the wing holds its load.
+
+    Both depend on displacement and velocity, where acceleration is measured. So a signal d adds the
+    acceleration up twice, forgetting below 1 Hz and counted in its own deviation; v is its difference. Groups
+    of terms bend the stiffness, make it depend on the acceleration, and brake. A group is kept if it pays on
+    the validation part, which also decides the number of lags. The excitation ends at 15 Hz: every fourth
+    sample.
+    """
+    step = 4
+    train = _Trainer(
+        X, y, spec, OurModel(None, decimation=step), known=_f16_unit, skip=100, rounds=1, warm=True
+    )
+    trials = []
+    for n_lags in (8, 10, 12):
+        narx = NARXRegressor(
+            n_lags, n_lags, delay=0, degree=1, n_terms=2 * n_lags + 1, refine=False, fit_intercept=False,
+            origin="zero",
+        ).fit(X[spec.fit, None][::step], y[spec.fit][::step])  # fmt: skip
+        linear = train.fit(narx.model_, spec.fit, horizons=(50, 400, None)).model
+        radius, angle = np.exp(-0.7 * FORGET * step), np.sqrt(1 - 0.7**2) * FORGET * step
+        twice = np.array([2 * radius * np.cos(angle), -(radius**2)])
+        d = lfilter([0.0, 1.0], np.r_[1.0, -twice], y[spec.fit][::step])
+        equations = {
+            "y": equations_of(linear)["y"],
+            "d": lags("d", twice) | {"y[k-1]": 1.0 / d[len(d) // 2 :].std()},
+        }
+        width = 0.3 * np.diff(d).std() / d.std()
+        phi = [
+            Difference("d", name="v"),
+            AbsoluteDifference("d", name="a"),
+            SmoothSign("d", width=width, name="s"),
+        ]
+        trials.append(train.pick(build(equations, phi), F16_GROUPS))
+    best = min(trials, key=lambda trial: trial[0])[1]
+    return train.finish(best.model)
+
+
+def _f16_unit(model: NARXModel) -> list[Condition]:
+    """The unit of d."""
+    equations = equations_of(model)
+    return [({("d", "y[k-1]"): 1.0}, equations["d"]["y[k-1]"])] if "d" in equations else []
+
+
 def emps(X: np.ndarray, y: np.ndarray, spec: SearchSpec) -> OurModel:
     """A drive: force moves a mass, against Coulomb and viscous friction; the position integrates.
 
-    Integration is the constraint y[k-1] + y[k-2] = 1. Decimated, the voltage is the mean over a step. The
-    sign of the velocity turns over 1 mm/s: the Coulomb force of a step must not overshoot standstill.
-    Candidates are what else friction and drives do: friction that depends on direction, on velocity
-    (Stribeck, drag) or on position, and a force that is not proportional to the voltage.
+    The terms are those of the benchmark's own description, friction that depends on the direction, and are
+    not searched. Integration is the constraint y[k-1] + y[k-2] = 1. Decimated, the voltage is the mean over a
+    step. The sign of the velocity turns over a few mm/s: the Coulomb force of a step must not overshoot
+    standstill.
 
-    With the direction alone the model follows each stroke of either record to 0.2 mm, but with some 4 % more
-    friction in the test record than in the training record. That difference limits this row: choices that
-    look alike in training move it by some millimetres.
+    The step, that velocity and the length of the simulated stretches are decided by cross-validation:
+    fit to one half of the training record, free run of the other. Terms are not searched because the friction
+    of this machine wanders and the position adds it up: inside one half, further terms take the error on its
+    last third from 2 to 0.4 mm; on the other half it stays at 5 mm, drifting, with or without them.
     """
-    _, best = min((_emps_at(X, y, spec, step) for step in spec.decimations), key=lambda one: one[0])
-    return _emps_trainer(X, y, spec, best.decimation).finish(best.model, max_iter=200)
+    halves = slice(0, len(y) // 2), slice(len(y) // 2, len(y))
+    settings = list(product((10, 5), (3e-3, 1e-3), (6000, None)))
+    errors = []
+    for setting in settings:
+        squares = [
+            free_run_rmse(_emps_fit(X[fit], y[fit], *setting), X[judge], y[judge], spec.n_state) ** 2
+            for fit, judge in (halves, halves[::-1])
+        ]
+        errors.append(sum(squares))
+    return _emps_fit(X[spec.final], y[spec.final], *settings[int(np.argmin(errors))])
 
 
-def _emps_trainer(X: np.ndarray, y: np.ndarray, spec: SearchSpec, step: int) -> _Trainer:
-    integrates: Condition = ({("y", "y[k-1]"): 1.0, ("y", "y[k-2]"): 1.0}, 1.0)
+def _emps_fit(X: np.ndarray, y: np.ndarray, step: int, turn: float, stretch: int | None) -> OurModel:
+    """Fit to free runs over stretches of so many samples (None: all); `turn` is a velocity in m/s."""
     frame = OurModel(None, decimation=step, mean_input=step > 1)
-    return _Trainer(X, y, spec, frame, head=20 // step, rounds=1, known=lambda model: [integrates])
-
-
-def _emps_at(X: np.ndarray, y: np.ndarray, spec: SearchSpec, step: int) -> tuple[float, OurModel]:
-    """Return the best model at one decimation and its validation error."""
-    train = _emps_trainer(X, y, spec, step)
-    width = 1e-3 * 1e-3 * step  # 1 mm/s times the step
-    phi: list[Phi] = [
-        SmoothSign("y", width=width, name="s"),
-        SmoothSign("y", width=30 * width, name="r"),
-        AbsoluteDifference("y", name="a"),
-        Difference("y", name="d"),
-    ]
-    constraint = "y[k-1] + y[k-2] = 1"
+    u, position = frame.inputs(X), y[::step]
+    sign, speed = SmoothSign("y", width=turn * 1e-3 * step, name="s"), AbsoluteDifference("y", name="a")
     start = NARXRegressor(
-        2, 1, phi=phi[:1], degree=1, n_terms=5, refine=False, origin="zero", constraints=constraint
-    ).fit(train.frame.inputs(X)[:, None], y[::step])
-    friction = ("a[k-1]", "d[k-1]*a[k-1]", "d[k-1]^3", "r[k-1]")
-    at_position = ("y[k-1]*s[k-1]", "y[k-1]^2*s[k-1]", "y[k-1]*a[k-1]", "y[k-1]*d[k-1]")
-    candidates = (*friction, *at_position, "u[k-1]^3")
-    error, best = train.trial(build(equations_of(start.model_), phi))
-    while True:
-        tried = [train.trial(extended(best.model, {"y": {term: 1e-9}})) for term in candidates]
-        trial_error, trial = min(tried, key=lambda one: one[0])
-        if not trial_error < WORTH * error:
-            return error, best
-        error, best = trial_error, trial
+        2, 1, phi=[sign], degree=1, n_terms=5, refine=False, origin="zero",
+        constraints="y[k-1] + y[k-2] = 1",
+    ).fit(u[:, None], position)  # fmt: skip
+    model = build({"y": equations_of(start.model_)["y"] | {"a[k-1]": 1e-6}}, [sign, speed])
+    integrates: Condition = ({("y", "y[k-1]"): 1.0, ("y", "y[k-2]"): 1.0}, 1.0)
+    n_stretches = 1 if stretch is None else max(len(y) // stretch, 1)
+    fit = refine_free_run(
+        model,
+        u[:, None],
+        position[:, None],
+        sessions=np.arange(len(u)) * n_stretches // len(u),
+        constraints=conditions(model, [integrates]),
+        max_iter=100,
+        tol=1e-7,
+    )
+    simulated = quiet_run(fit.model, u, position[:2, None])
+    sigma = np.sqrt(fit.loss / fit.n_samples)
+    found = {"fit_rmse": sigma, "converged": fit.converged, "equations": str(fit.model)}
+    found["remark"] = f"every {step}th sample, stretches of {stretch or 'all'}"
+    return replace(frame, model=fit.model, start=StartingState.of(fit.model, simulated, sigma), search=found)
 
 
-RECIPES = {"emps": emps, "tanks": tanks, "wiener_hammerstein": wiener_hammerstein, "bouc_wen": bouc_wen}
+RECIPES = {
+    "silverbox": silverbox,
+    "emps": emps,
+    "tanks": tanks,
+    "wiener_hammerstein": wiener_hammerstein,
+    "bouc_wen": bouc_wen,
+} | {name: f16 for name in RECORDINGS if name.startswith("f16")}
 
 
 def recipe_for(spec: SearchSpec) -> Callable | None:

@@ -1,5 +1,6 @@
 """Analysis of models and residuals: clusters, fixed points, quasi-static sets, hysteresis, residual tests."""
 
+from narx_sklearn.analysis.advice import Advice, Finding, advise
 from narx_sklearn.analysis.clusters import TermCluster, TermClusters, term_clusters
 from narx_sklearn.analysis.continuum import Continuum, continuum_of_steady_states
 from narx_sklearn.analysis.fixed_points import FixedPoint, FixedPoints, fixed_points
@@ -16,8 +17,10 @@ from narx_sklearn.analysis.sampling import SamplingAdvice, sampling_advice
 from narx_sklearn.analysis.static_curve import StaticCurve, static_curve
 
 __all__ = [
+    "Advice",
     "BoundingStructure",
     "Continuum",
+    "Finding",
     "FixedPoint",
     "FixedPoints",
     "HysteresisLoop",
@@ -29,6 +32,7 @@ __all__ = [
     "StaticCurve",
     "TermCluster",
     "TermClusters",
+    "advise",
     "bounding_structure",
     "continuum_of_steady_states",
     "fixed_points",

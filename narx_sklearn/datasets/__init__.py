@@ -33,6 +33,7 @@ from narx_sklearn.datasets._plants_mechanical import (
     make_servo_axis,
 )
 from narx_sklearn.datasets._plants_process import make_cascaded_tanks, make_ph_process
+from narx_sklearn.datasets._random_narx import make_narx
 from narx_sklearn.datasets._results import Benchmark, PlantTruth, SyntheticPlant
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "make_duffing",
     "make_hysteresis_circuit",
     "make_mr_damper",
+    "make_narx",
     "make_ph_process",
     "make_piezo_bench",
     "make_pneumatic_valve",

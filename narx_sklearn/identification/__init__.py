@@ -9,7 +9,8 @@ from narx_sklearn.identification.estimation import (
     recursive_least_squares,
 )
 from narx_sklearn.identification.factor import Factor, compress
-from narx_sklearn.identification.hysteresis import hysteresis_structure
+from narx_sklearn.identification.hysteresis import hysteresis_structure, rate_independent_structure
+from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.identification.narx_cv import NARXRegressorCV
 from narx_sklearn.identification.refinement import FreeRunFit, refine_free_run
@@ -22,6 +23,7 @@ from narx_sklearn.identification.selection import (
     search_terms,
     size_window,
 )
+from narx_sklearn.identification.simulation_search import select_on_simulation
 from narx_sklearn.identification.spurious import detect_spurious_clusters
 from narx_sklearn.identification.structure import exclude_clusters
 from narx_sklearn.identification.transformers import LagTransformer, PhiTransformer, TermTransformer
@@ -50,12 +52,15 @@ __all__ = [
     "free_run_score",
     "hysteresis_structure",
     "information_criterion",
+    "isolable_structure",
     "least_squares",
     "parse_constraints",
+    "rate_independent_structure",
     "recursive_least_squares",
     "refine_free_run",
     "screen_terms",
     "screening_cost",
     "search_terms",
+    "select_on_simulation",
     "size_window",
 ]

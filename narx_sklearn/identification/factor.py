@@ -9,13 +9,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack, qr
+from scipy.linalg import blas, lapack, qr
 
 from narx_sklearn.identification.regressors import Candidates
 
 __all__ = ["Factor", "compress"]
 
 PANEL_COLUMNS = 32  # width of LAPACK's panels: wide enough for matrix products, narrow enough for the cache
+SAMPLE_ROWS = 4  # a multiple of the columns: rows whose factor conditions the others
+# Share of a conditioned column's length orthogonal to all others above which its inner products lose no more
+# than three of their sixteen digits.
+WELL_CONDITIONED = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,17 +117,77 @@ def compress(parts: Iterable[Candidates]) -> Factor:
 
 
 def _compress_part(part: Candidates) -> Factor:
-    # Householder on [R; block], block after block: R stays triangular, the rows of the block vanish
-    n_columns = len(part.library) + len(part.layout.outputs)
-    R = np.zeros((n_columns, n_columns), order="F")
-    size = max(2 * n_columns, 512)
-    nb = min(PANEL_COLUMNS, n_columns)
+    """Compress one piece: by inner products conditioned by a sample of its rows, else by reflections.
+
+    With R0 the factor of rows taken evenly from the piece, Q = P R0^-1 has nearly orthogonal columns
+    whatever the condition of P, and R = chol(Q'Q) R0 is as accurate as reflecting all of P, in half the time.
+    The outcome tells whether the sample was like the whole.
+    """
+    size = max(2 * part.n_columns, 512)
+    step = part.n_rows // max(SAMPLE_ROWS * part.n_columns, size)
+    R = _accumulate(part, size, _reflect(part.every(step), size)) if step > 1 else None
+    if R is None:
+        R = _reflect(part, size)
+    return Factor(_positive(R), len(part.layout.outputs), part.n_rows)
+
+
+def _reflect(part: Candidates, size: int) -> np.ndarray:
+    """Return the factor by Householder reflections on [R; block], block after block."""
+    R = np.zeros((part.n_columns, part.n_columns), order="F")
+    nb = min(PANEL_COLUMNS, part.n_columns)
     for block in part.blocks(size):
+        # R stays triangular, the rows of the block vanish
         rows = np.asfortranarray(block.T)
         R, _, _, info = lapack.dtpqrt(0, nb, R, rows, overwrite_a=1, overwrite_b=1)
         if info != 0:  # pragma: no cover - LAPACK reports illegal arguments only
             raise RuntimeError(f"LAPACK tpqrt failed with info={info}.")
-    return Factor(_positive(np.triu(R)), len(part.layout.outputs), part.n_rows)
+    return np.triu(R)
+
+
+def _accumulate(part: Candidates, size: int, R0: np.ndarray) -> np.ndarray | None:
+    """Return the factor from inner products conditioned by ``R0``, None if that is not good enough."""
+    if not np.diag(R0).all():
+        return None
+    R0 = np.asfortranarray(R0)
+    gram = np.zeros(R0.shape, order="F")
+    for block in part.blocks(size):
+        Q = blas.dtrsm(1.0, R0, np.asfortranarray(block.T), side=1, overwrite_b=1)
+        gram = blas.dsyrk(1.0, Q, beta=1.0, c=gram, trans=1, overwrite_c=1)
+    S, info = lapack.dpotrf(gram, clean=1)
+    if info != 0 or not tolerances(S).min() > WELL_CONDITIONED:
+        return None
+    return blas.dtrmm(1.0, S, R0)
+
+
+def tolerances(R: np.ndarray) -> np.ndarray:
+    """Return the share of each column's length that is orthogonal to all other columns.
+
+    One over its square is the variance inflation factor.
+
+    Parameters
+    ----------
+    R : ndarray of shape (n_columns, n_columns)
+        Triangular factor.
+
+    Returns
+    -------
+    ndarray of shape (n_columns,)
+        Between 0 (a combination of the others) and 1 (orthogonal to them); 0 everywhere for a singular
+        factor.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.identification.factor import tolerances
+    >>> tolerances(np.array([[3.0, 0.0, 4.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])).round(2).tolist()
+    [0.6, 1.0, 0.6]
+    """
+    norms = np.linalg.norm(R, axis=0)
+    if not np.isfinite(norms).all() or not np.diag(R).all():
+        return np.zeros(R.shape[1])
+    # row j of the inverse is the dual of column j: its part orthogonal to the others, over its square
+    inverse, _ = lapack.dtrtri(R / norms)
+    return 1.0 / np.linalg.norm(inverse, axis=1)
 
 
 def _triangle(rows: np.ndarray) -> np.ndarray:

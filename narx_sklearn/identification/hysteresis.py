@@ -1,15 +1,39 @@
-"""The structure "hysteresis": candidate terms of models that can rest at more than one output."""
+"""Models that can rest at more than one output: their candidate terms, and Lemma 4.1 on their parameters."""
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.structure import STRUCTURES, Keep
-from narx_sklearn.model.phi import AsymmetricSign, DifferenceSign, FunctionPhi, Phi, SmoothSign
+from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.phi import (
+    AbsoluteDifference,
+    AsymmetricSign,
+    Difference,
+    DifferenceSign,
+    FunctionPhi,
+    Phi,
+    SmoothSign,
+)
 from narx_sklearn.model.polynomials import Polynomial
-from narx_sklearn.model.terms import Term
+from narx_sklearn.model.terms import Term, TermLibrary
 
-__all__ = ["hysteresis_structure", "vanishes_at_rest"]
+__all__ = [
+    "CONTINUUM",
+    "RestingDynamics",
+    "check_continuum",
+    "expand_continuum",
+    "hysteresis_structure",
+    "rate_independent_structure",
+    "resting_dynamics",
+    "vanishes_at_rest",
+]
+
+CONTINUUM = "continuum"  # what a user writes for the constraint of Lemma 4.1
+SUM_TOLERANCE = 1e-9  # of the linear output coefficients; a constraint is met to about 1e-12
 
 SIGN_LIKE = (
     DifferenceSign,
@@ -105,4 +129,269 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     return keep
 
 
+def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Sequence[Phi]) -> Keep:
+    r"""Return the filter of terms that a rate-independent model with hysteresis may have.
+
+    Where the speed of the input does not matter, the output's change is proportional to the input's,
+    :math:`\Delta y = g(u, y, \phi_2) \phi_1`. So every term but the linear outputs has exactly one first
+    difference as a factor, and at most one sign. That leaves far fewer candidates of a high degree than
+    Assumption 4.1 does, and allows powers of the output in g, which bend the loop where the assumption's
+    straight line in the output cannot.
+
+    Parameters
+    ----------
+    outputs, inputs : sequence of str
+        Names of the signals.
+    phi : sequence of Phi
+        phi regressors, named.
+
+    Returns
+    -------
+    callable
+        Takes a `Term`, returns whether it may be a candidate.
+
+    Notes
+    -----
+    All terms but the linear outputs vanish at rest, so Lemma 4.1 holds as it does with Assumption 4.1. The
+    quasi-static sets (4.3) are roots of a polynomial in the output instead of a quotient.
+
+    References
+    ----------
+    Ikhouane and Rodellar (2007) on rate independence; Lacerda Junior (2021), Lemma 4.1.
+
+    Examples
+    --------
+    >>> from narx_sklearn.identification.hysteresis import rate_independent_structure
+    >>> from narx_sklearn.model import Difference, DifferenceSign, TermLibrary
+    >>> phi = [Difference("u", name="phi1"), DifferenceSign("u", name="phi2")]
+    >>> library = TermLibrary.polynomial(["y[k-1]", "u[k]", "phi1[k]", "phi2[k]"], degree=3)
+    >>> print(library.filter(rate_independent_structure(["y"], ["u"], phi)).subset(range(5)))
+    y[k-1], phi1[k], y[k-1]*phi1[k], u[k]*phi1[k], phi1[k]*phi2[k]
+    """
+    output_names = set(outputs)
+    rates = {str(p.name) for p in phi if isinstance(p, Difference | AbsoluteDifference)}
+    signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
+
+    def keep(term: Term) -> bool:
+        exponents = dict(term.cluster)
+        if sum(exponents.get(rate, 0) for rate in rates) == 1:
+            return sum(exponents.get(sign, 0) for sign in signs) <= 1
+        return term.degree == 1 and term.signals <= output_names
+
+    return keep
+
+
 STRUCTURES["hysteresis"] = hysteresis_structure
+STRUCTURES["rate_independent"] = rate_independent_structure
+
+
+def expand_continuum(
+    constraints, library: TermLibrary, outputs: Sequence[str], inputs: Sequence[str], phi: Sequence[Phi]
+):
+    """Write the word "continuum" out as the equality constraints it stands for.
+
+    For a single output these are Lemma 4.1, ``y[k-1] + ... + y[k-n] = 1``. With several outputs the
+    coefficients of the others sum to zero as well, so that each output can rest anywhere.
+
+    Parameters
+    ----------
+    constraints : object
+        A regressor's ``constraints``. The word may stand alone, in a list beside other texts, or in a mapping
+        from outputs.
+    library : TermLibrary
+        Candidate terms.
+    outputs, inputs : sequence of str
+        Names of the signals.
+    phi : sequence of Phi
+        phi regressors, named.
+
+    Returns
+    -------
+    object
+        The constraints without the word; as they are where it does not occur.
+
+    Raises
+    ------
+    ValueError
+        If a candidate other than a linear output acts at rest, or an output has no linear candidate.
+
+    Examples
+    --------
+    >>> from narx_sklearn.identification.hysteresis import expand_continuum
+    >>> from narx_sklearn.model import Difference, TermLibrary
+    >>> library = TermLibrary(["y[k-1]", "y[k-2]", "phi1[k-1]"])
+    >>> expand_continuum("continuum", library, ["y"], ["u"], [Difference("u", name="phi1")])
+    ['y[k-1] + y[k-2] = 1']
+    """
+    if isinstance(constraints, str) and constraints == CONTINUUM and len(outputs) > 1:
+        constraints = dict.fromkeys(outputs, CONTINUUM)
+    if isinstance(constraints, Mapping):
+        return {
+            output: _written_out(given, output, library, outputs, inputs, phi)
+            for output, given in constraints.items()
+        }
+    return _written_out(constraints, outputs[0], library, outputs, inputs, phi)
+
+
+def _written_out(given, output: str, library, outputs, inputs, phi):
+    texts = [given] if isinstance(given, str) else given
+    if not _names_continuum(texts):
+        return given
+    resting = {str(p.name) for p in phi if not p.has_memory and vanishes_at_rest(p)}
+    sums: dict[str, list[str]] = {name: [] for name in outputs}
+    acting = []
+    for term in library:
+        if term.degree == 1 and (signal := term.variables[0].signal) in sums:
+            sums[signal].append(str(term))
+        elif not resting & term.signals:
+            acting.append(str(term))
+    if acting:
+        shown = ", ".join(acting[:4]) + (", ..." if len(acting) > 4 else "")
+        raise ValueError(
+            f"constraints={CONTINUUM!r} needs candidates that are zero at rest, apart from linear outputs, "
+            f"but {len(acting)} of {len(library)} are not: {shown}. Use structure='hysteresis' with "
+            "phi regressors such as Difference and DifferenceSign; a phi with memory, which holds its value, "
+            "cannot stand alone beside this constraint."
+        )
+    if not sums[output]:
+        raise ValueError(
+            f"constraints={CONTINUUM!r} needs a linear output among the candidates, but {output!r} has none; "
+            "give output_lags of at least 1."
+        )
+    lemma = [f"{' + '.join(sums[output])} = 1"]
+    lemma += [f"{' + '.join(terms)} = 0" for name, terms in sums.items() if terms and name != output]
+    return lemma + [text for text in texts if text != CONTINUUM]
+
+
+def _names_continuum(texts) -> bool:
+    """Tell whether a list of constraints holds the word; (S, c) does not."""
+    return isinstance(texts, list | tuple) and any(isinstance(t, str) and t == CONTINUUM for t in texts)
+
+
+@dataclass(frozen=True, eq=False)
+class RestingDynamics:
+    """Linear dynamics that a model has left when its inputs rest.
+
+    Attributes
+    ----------
+    output_sums : ndarray of shape (n_outputs, n_outputs)
+        Sums of the linear output coefficients, those of output j in equation i at [i, j].
+    eigenvalues : ndarray of shape (n_eigenvalues,)
+        Eigenvalues of the Jacobian at the operating point, complex, those nearest 1 first.
+    n_free : int
+        How many of them belong to the continuum of steady states and have to be 1.
+    """
+
+    output_sums: np.ndarray
+    eigenvalues: np.ndarray
+    n_free: int
+
+    @property
+    def other_radius(self) -> float:
+        """Largest modulus of the eigenvalues that do not belong to the continuum."""
+        return float(np.abs(self.eigenvalues[self.n_free :]).max(initial=0.0))
+
+    @property
+    def sum_error(self) -> float:
+        """How far the ``n_free`` best rows of ``output_sums`` are from those of the identity."""
+        rows = np.abs(self.output_sums - np.eye(len(self.output_sums))).max(axis=1)
+        return float(np.sort(rows)[: self.n_free].max(initial=0.0))
+
+    @property
+    def holds(self) -> bool:
+        """Whether Lemma 4.1 holds: the sums are 1 and the other eigenvalues inside the unit circle."""
+        return self.sum_error <= SUM_TOLERANCE and self.other_radius < 1.0
+
+
+def resting_dynamics(model: NARXModel, n_free: int | None = None) -> RestingDynamics:
+    """Return the linear dynamics of a model whose inputs rest at the operating point.
+
+    Parameters
+    ----------
+    model : NARXModel
+        The model, whose terms are linear outputs or zero at rest.
+    n_free : int, default=None
+        Outputs that shall rest anywhere; None is all.
+
+    Returns
+    -------
+    RestingDynamics
+
+    Notes
+    -----
+    At rest differences and signs vanish, and so do the derivatives of their products with anything. What is
+    left of the Jacobian are linear outputs, and linear first differences of outputs.
+
+    References
+    ----------
+    Lacerda Junior (2021), Lemma 4.1 and Remark 4.1.
+
+    Examples
+    --------
+    >>> from narx_sklearn.identification.hysteresis import resting_dynamics
+    >>> from narx_sklearn.model import Difference, NARXModel
+    >>> model = NARXModel.from_equations(
+    ...     "1.3*y[k-1] - 0.3*y[k-2] + 0.8*phi1[k-1]", phi=[Difference("u", name="phi1")])
+    >>> rest = resting_dynamics(model)
+    >>> rest.holds, round(rest.other_radius, 12)
+    (True, 0.3)
+    """
+    n = len(model.outputs)
+    steps: dict[str, tuple[tuple[str, int, float], ...]]  # what a variable is made of: signal, lag, weight
+    steps = {output: ((output, 0, 1.0),) for output in model.outputs}
+    steps |= {
+        str(p.name): ((p.signal, 0, 1.0), (p.signal, 1, -1.0))
+        for p in model.phi
+        if isinstance(p, Difference) and p.signal in model.outputs
+    }
+    slopes = np.zeros((model.max_lag + 1, n, n))
+    for term, row in zip(model.library, model.parameters, strict=True):
+        if term.degree == 1:
+            variable = term.variables[0]
+            for signal, reach, sign in steps.get(variable.signal, ()):
+                slopes[variable.lag + reach, :, model.outputs.index(signal)] += sign * row
+    depth = int(np.flatnonzero(slopes.any(axis=(1, 2))).max(initial=1))  # longest lag of an output
+    slopes = slopes[: depth + 1]
+    companion = np.eye(n * depth, k=-n)
+    companion[:n] = slopes[1:].transpose(1, 0, 2).reshape(n, -1)
+    eigenvalues = np.linalg.eigvals(companion).astype(complex)
+    nearest = np.argsort(np.abs(eigenvalues - 1.0), kind="stable")
+    return RestingDynamics(slopes.sum(axis=0), eigenvalues[nearest], n if n_free is None else n_free)
+
+
+def check_continuum(model: NARXModel, constraints) -> RestingDynamics | None:
+    """Check Lemma 4.1 on a fitted model, where "continuum" was asked for.
+
+    Parameters
+    ----------
+    model : NARXModel
+        The fitted model.
+    constraints : object
+        The regressor's ``constraints``.
+
+    Returns
+    -------
+    RestingDynamics or None
+        None where the word does not occur.
+
+    Warns
+    -----
+    NarxWarning
+        If the lemma does not hold.
+    """
+    given = list(constraints.values()) if isinstance(constraints, Mapping) else [constraints]
+    asked = sum(_names_continuum([one] if isinstance(one, str) else one) for one in given)
+    if not asked:
+        return None
+    n_free = asked if isinstance(constraints, Mapping) else len(model.outputs)
+    rest = resting_dynamics(model, n_free)
+    if not rest.holds:
+        warnings.warn(
+            f"The model has no stable continuum of steady states: its linear output coefficients miss their "
+            f"sum by {rest.sum_error:.3g}, and besides the eigenvalue 1 the largest has modulus "
+            f"{rest.other_radius:.6g}, which must be below 1 (Lemma 4.1). It drifts or oscillates when the "
+            "input stops. Try fewer output_lags, another sampling period, or refine=True.",
+            NarxWarning,
+            stacklevel=2,
+        )
+    return rest

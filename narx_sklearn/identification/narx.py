@@ -15,6 +15,7 @@ from narx_sklearn._validation import (
     check_choice,
     check_same_length,
     column_labels,
+    finite_columns,
     session_slices,
     signal_names,
     signal_units,
@@ -23,6 +24,7 @@ from narx_sklearn.identification.constraints import LinearConstraints, parse_con
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
 from narx_sklearn.identification.estimation import recursive_least_squares
 from narx_sklearn.identification.extended import extended_least_squares
+from narx_sklearn.identification.hysteresis import check_continuum, expand_continuum
 from narx_sklearn.identification.procedure import (
     Compressed,
     Problem,
@@ -37,7 +39,6 @@ from narx_sklearn.identification.procedure import (
     parameter_scales,
     scaled_layout,
     select_terms,
-    stacked_constraints,
     total_criterion,
 )
 from narx_sklearn.identification.refinement import free_run_uncertainty, refine_free_run
@@ -115,7 +116,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         first two local minima, the one whose free run has the best criterion (section 5.2.1.1).
     constraints : str, list of str or (S, c), default=None
         Equality constraints on the parameters, ``"y[k-1] + y[k-2] = 1"`` (2.47); with several outputs a
-        mapping from their names. Parameters are those of the signals in their units.
+        mapping from their names. Parameters are those of the signals in their units. ``"continuum"`` is
+        Lemma 4.1 for models with hysteresis: the linear output parameters sum to 1, so that with
+        ``structure="hysteresis"`` every output is a steady state.
     estimator : {"ls", "ridge", "els", "rls"}, default="ls"
         Least squares (2.46)-(2.48); with a penalty; extended, with noise terms used while fitting and
         dropped after; recursive (2.50)-(2.52), the parameters being those after the last sample.
@@ -157,6 +160,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         The candidate terms (after screening, where there were many).
     noise_ : {"equation", "output", "mixed"}
         Where the noise was taken to be: white in the equation, on the output, or neither.
+    continuum_ : RestingDynamics or None
+        With ``constraints="continuum"`` whether Lemma 4.1 holds: sums and eigenvalues at rest.
     refinement_ : FreeRunFit or None
         How the free-run refinement went.
     sigma_ : ndarray of shape (n_outputs,)
@@ -364,7 +369,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             raise ValueError("requires y to be passed, but the target y is None")
         self._y_ndim = 2 if hasattr(y, "columns") else np.asarray(y).ndim
         y = as_signals(y, "y")
-        if not np.isfinite(y).any(axis=0).all():
+        if not finite_columns(y).all():
             raise ValueError("Input y contains NaN at every sample of an output; there is nothing to fit.")
         check_same_length(X=X, y=y, sessions=sessions)
         session_slices(sessions, X.shape[0])
@@ -397,7 +402,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _constraints(self, problem: Problem) -> list[LinearConstraints]:
         """Return the constraints of each output."""
-        given = self.constraints
+        given = expand_continuum(
+            self.constraints, problem.library, problem.outputs, problem.inputs, problem.phi
+        )
         if isinstance(given, dict):
             unknown = set(given) - set(problem.outputs)
             if unknown:
@@ -422,7 +429,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             problem, layout, origins,
             lambda at: compress_record(
                 problem.library, at, X, y, sessions,
-                max_terms=self._longest(), constraints=stacked_constraints(constraints), search=self.search,
+                max_terms=self._longest(), constraints=constraints, search=self.search,
             ),
         )  # fmt: skip
 
@@ -458,7 +465,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 )  # fmt: skip
                 trials = [*chosen[:output], trial, *chosen[output + 1 :]]
                 model = build_model(trials, problem)
-                value = self._free_run_criterion(model, output, X, y, sessions, len(one.compressed.library))
+                value = self._free_run_criterion(model, output, X, y, sessions, one.compressed.n_considered)
                 if value < best:
                     best, chosen[output] = value, trial
         return chosen
@@ -520,14 +527,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if not np.isfinite(fit.loss):
             return model, fit, "equation"
         value = information_criterion(
-            self.criterion, fit.loss, fit.n_samples, fit.model.n_terms, len(library)
+            self.criterion, fit.loss, fit.n_samples, fit.model.n_terms, one.compressed.n_considered
         )
         equation = information_criterion(
             self.criterion,
             one.rss * one.compressed.layout.scale[0] ** 2 * fit.n_samples / one.path.n_samples,
             fit.n_samples,
             len(one.support),
-            len(library),
+            one.compressed.n_considered,
         )
         if value < equation:
             return fit.model, fit, "output"
@@ -561,6 +568,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     def _store(self, model: NARXModel, selected: list[Selected], refinement, noise: str) -> None:
         single = len(selected) == 1
         self.model_ = model
+        self.continuum_ = check_continuum(model, self.constraints)
         self.terms_ = model.library.names
         self.coef_ = model.parameters[:, 0].copy() if single else model.parameters.copy()
         err = np.zeros(model.parameters.shape)
@@ -594,7 +602,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
                 continue
             scaled = None if inside is None else inside.scaled(scales)
-            robust = parameter_uncertainty(scores.gram, scores.sums, scaled)
+            robust = parameter_uncertainty(scores.gram, scores.sums, scaled, grams=scores.grams)
             found.append(replace(robust, covariance=robust.covariance * np.outer(scales, scales)))
         self.sigma_ = np.array(sigma)
         return found

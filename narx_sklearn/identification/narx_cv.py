@@ -367,7 +367,7 @@ class _FoldedRecord:
         left = usable[~covered[usable]]
         if left.size:
             total = total.merge(compress([Candidates(library, layout, recording, left)]))
-        return Compressed(library, layout, total)
+        return Compressed(library, layout, total, len(library))
 
     def _stretches(self, layout) -> tuple[Recording, list[np.ndarray], list[Factor]]:
         """Return, once for each origin, the factors of the stretches between the folds' edges."""

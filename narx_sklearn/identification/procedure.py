@@ -4,12 +4,13 @@
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from narx_sklearn._validation import all_finite, blocks
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
@@ -61,11 +62,14 @@ class Compressed:
         Channels with the origin and scale of each signal.
     factor : Factor
         The compressed record.
+    n_considered : int
+        Number of candidate terms before screening.
     """
 
     library: TermLibrary
     layout: Layout
     factor: Factor
+    n_considered: int
 
     def merge(self, other: "Compressed") -> "Compressed":
         """Return both records together."""
@@ -86,7 +90,9 @@ class Compressed:
         layout = with_origin(self.layout, origin)
         steps = (layout.origin - self.layout.origin) / self.layout.scale
         T = translation(self.library, layout.outputs, dict(zip(layout.channels, steps, strict=True)))
-        return None if T is None else Compressed(self.library, layout, self.factor.combine(T))
+        if T is None:
+            return None
+        return replace(self, layout=layout, factor=self.factor.combine(T))
 
 
 def parameter_scales(layout: Layout, library: TermLibrary, output: int) -> np.ndarray:
@@ -118,22 +124,24 @@ def translation(
 
 
 def measure_signals(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation of each output and input, NaN left out, chunk by chunk."""
-    columns = y.shape[1] + X.shape[1]
-    count, mean, square = np.zeros(columns), np.zeros(columns), np.zeros(columns)
-    for begin in range(0, X.shape[0], CHUNK_ROWS):
-        part = np.column_stack([y[begin : begin + CHUNK_ROWS], X[begin : begin + CHUNK_ROWS]])
-        known = np.isfinite(part)
-        n = known.sum(axis=0)
-        safe = np.maximum(n, 1)
-        own = np.where(known, part, 0.0).sum(axis=0) / safe
-        spread = (np.where(known, part - own, 0.0) ** 2).sum(axis=0)
-        # Chan, Golub and LeVeque's merge of means and sums of squares
-        both = np.maximum(count + n, 1)
-        step = own - mean
-        square += spread + step**2 * count * n / both
-        mean = mean + step * n / both
-        count += n
+    """Return mean and standard deviation of each output and input, NaN left out, block by block."""
+    columns = [*y.T, *X.T]
+    count, mean, square = np.zeros((3, len(columns)))
+    for block in blocks(X.shape[0]):
+        for i, column in enumerate(columns):
+            known = column[block]
+            if not all_finite(known):
+                known = known[np.isfinite(known)]
+            if known.size == 0:
+                continue
+            own = known.mean()
+            deviation = known - own
+            # Chan, Golub and LeVeque's merge of means and sums of squares
+            both = count[i] + known.size
+            step = own - mean[i]
+            square[i] += deviation @ deviation + step**2 * count[i] * known.size / both
+            mean[i] += step * known.size / both
+            count[i] = both
     return mean, np.sqrt(square / np.maximum(count, 1))
 
 
@@ -253,15 +261,6 @@ def total_criterion(selected: "list[Selected]", criterion: str) -> float:
     return total
 
 
-def stacked_constraints(constraints: list[LinearConstraints]) -> LinearConstraints | None:
-    """Return the constraints of all outputs, for knowing which terms they name; None where there are none."""
-    if not any(len(c) for c in constraints):
-        return None
-    return LinearConstraints(
-        np.vstack([c.S for c in constraints]), np.concatenate([c.c for c in constraints])
-    )
-
-
 def on_screened(
     constraints: LinearConstraints, full: TermLibrary, kept: TermLibrary
 ) -> LinearConstraints | None:
@@ -286,7 +285,7 @@ def compress_record(
     sessions=None,
     *,
     max_terms: int,
-    constraints: LinearConstraints | None = None,
+    constraints: Sequence[LinearConstraints] = (),
     search: str = "exchange",
     screen: bool = True,
 ) -> Compressed:
@@ -306,8 +305,8 @@ def compress_record(
         The record.
     max_terms : int
         Largest number of terms that will be selected.
-    constraints : LinearConstraints, default=None
-        Constraints whose terms must stay candidates.
+    constraints : sequence of LinearConstraints, default=()
+        Constraints of each output, on parameters in measured units; their terms stay candidates.
     search : str, default="exchange"
         The search that will follow.
     screen : bool, default=True
@@ -322,13 +321,14 @@ def compress_record(
     ValueError
         If no sample has all lagged values.
     """
-    forward = search == "forward" and constraints is None
+    full = len(library)
+    forward = search == "forward" and not any(len(c) for c in constraints)
     if screen and len(library) > (FORWARD_CANDIDATES if forward else SCREENING_CANDIDATES):
         n_terms = max_terms if forward else SCREENED_PER_TERM * max_terms
         library = screened_library(library, layout, X, y, sessions, n_terms, constraints)
     factor = compress(chunks(library, layout, X, y, sessions))
     check_enough(factor.n_samples, library, layout, X.shape[0])
-    return Compressed(library, layout, factor)
+    return Compressed(library, layout, factor, full)
 
 
 def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples: int) -> None:
@@ -343,14 +343,24 @@ def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples:
 
 
 def screened_library(
-    library: TermLibrary, layout: Layout, X, y, sessions, n_terms: int, constraints=None
+    library: TermLibrary,
+    layout: Layout,
+    X,
+    y,
+    sessions,
+    n_terms: int,
+    constraints: Sequence[LinearConstraints] = (),
 ) -> TermLibrary:
     """Return the candidates that forward ERR passes over the data put first, for all outputs."""
     candidates = Candidates.of(library, layout, lay_out(layout, X, y, sessions))
     check_enough(candidates.n_rows, library, layout, X.shape[0])
-    kept: set[int] = set() if constraints is None else {int(j) for j in constraints.terms}
+    kept: set[int] = set()
     for output in range(len(layout.outputs)):
-        kept |= set(screen_terms(candidates, n_terms, output=output).order)
+        scaled = None
+        if constraints and len(constraints[output]):
+            scaled = constraints[output].scaled(parameter_scales(layout, library, output))
+            kept |= {int(j) for j in scaled.terms}
+        kept |= set(screen_terms(candidates, n_terms, output=output, constraints=scaled).order)
     return library.subset(sorted(kept))
 
 
@@ -386,6 +396,7 @@ def select_terms(
     scaled = scaled_constraints(compressed, output, constraints)
     longest = max(max_terms, n_terms or 0)  # looking past the size wanted improves what is found there
     path = search_terms(compressed.factor, longest, search=search, output=output, constraints=scaled)
+    path = replace(path, n_considered=compressed.n_considered)
     values = path.criterion(criterion)
     size = min(n_terms, len(path.supports) - 1) if n_terms is not None else int(np.argmin(values))
     return estimate_terms(compressed, output, path, size, criterion, constraints, alpha)

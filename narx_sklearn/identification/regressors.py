@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ class ProductPlan(NamedTuple):
     wanted: np.ndarray
 
     @classmethod
+    @lru_cache(maxsize=16)  # the same few libraries are planned for every piece of a record
     def of(cls, library: TermLibrary, channels: tuple[str, ...]) -> "ProductPlan":
         """Plan the products of ``library`` over the named channels."""
         table = library.table(channels)
@@ -84,6 +86,11 @@ class Candidates:
         return self.rows.size
 
     @property
+    def n_columns(self) -> int:
+        """Number of candidate terms and outputs."""
+        return len(self.library) + len(self.layout.outputs)
+
+    @property
     def targets(self) -> np.ndarray:
         """Outputs at the usable samples, shape (n_rows, n_outputs), shifted and scaled."""
         return self.recording.data[self.rows, : len(self.layout.outputs)]
@@ -91,6 +98,10 @@ class Candidates:
     def restrict(self, library: TermLibrary) -> "Candidates":
         """Return other terms on the same samples."""
         return Candidates(library, self.layout, self.recording, self.rows)
+
+    def every(self, step: int) -> "Candidates":
+        """Return the same terms on every ``step``-th usable sample."""
+        return Candidates(self.library, self.layout, self.recording, self.rows[::step])
 
     def blocks(self, size: int = BLOCK_ROWS) -> Iterator[np.ndarray]:
         """Yield the regressors and then the outputs as rows of an array, shape (n_terms + n_outputs, size).

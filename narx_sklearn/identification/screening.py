@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from narx_sklearn.identification._products import SumPlan, term_values, weighted_sums
+from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.regressors import Candidates
 from narx_sklearn.identification.selection import COLLINEARITY, EXACT
 from narx_sklearn.model.terms import TermLibrary
@@ -24,6 +25,7 @@ BATCH = 16  # contenders orthogonalised explicitly at a time
 EPS = np.finfo(float).eps
 SUM_ERROR = 256 * EPS  # bound on the rounding of a sum by `weighted_sums`, relative to the two norms
 EXACT_ERROR = 4 * EPS  # rounding of an explicit orthogonalisation, relative to the norm before it
+NONE = np.empty(0, dtype=np.int64)  # no terms
 REFRESH = 1e-2  # fall of the residual after which its inner products are summed anew
 
 
@@ -57,7 +59,12 @@ class ScreenPath:
 
 
 def screen_terms(
-    candidates: Candidates, n_terms: int, *, output: int = 0, n_threads: int | None = None
+    candidates: Candidates,
+    n_terms: int,
+    *,
+    output: int = 0,
+    constraints: LinearConstraints | None = None,
+    n_threads: int | None = None,
 ) -> ScreenPath:
     r"""Order the most significant candidates by forward orthogonal least squares, without a regressor matrix.
 
@@ -77,6 +84,9 @@ def screen_terms(
         Terms to select, at least 1; fewer are returned where fewer are independent.
     output : int, default=0
         Which of the recording's outputs to explain.
+    constraints : LinearConstraints, default=None
+        Constraints on the parameters. The terms they name are taken for granted and not ordered; the others
+        explain what the best parameters of those, under the constraints, leave of the output.
     n_threads : int or None, default=None
         Threads that share the samples; None uses every processor this process may use. The result is the
         same, to the last bit, for any number.
@@ -131,8 +141,12 @@ def screen_terms(
     1.000000000000
     """
     _check(candidates, n_terms, output, n_threads)
+    y = candidates.targets[:, output]
     with _start_sweep(candidates, n_threads) as sweep:
-        return _select(sweep, candidates.targets[:, output], n_terms)
+        if constraints is None or not len(constraints):
+            return _select(sweep, y, n_terms)
+        y, granted = _granted(candidates, y, constraints)
+        return _select(sweep, y, n_terms, constraints.terms, granted)
 
 
 def screening_cost(n_rows: int, library: TermLibrary, n_terms: int) -> float:
@@ -330,6 +344,18 @@ class _Basis:
         missed = sums[:, 2:]
         return np.maximum(sums[:, 0] - (missed**2).sum(axis=1), 0.0), sums[:, 1], missed
 
+    def grant(self, column: np.ndarray) -> tuple[np.ndarray, float, np.ndarray] | None:
+        """Make a given ``column`` one of the basis, as `append`; None if it depends on those before."""
+        chosen = self.columns[: self.size]
+        left = column.copy()
+        for _ in range(2):  # twice is enough for orthogonality to rounding
+            left -= (chosen @ left) @ chosen
+        norm = float(np.linalg.norm(left))
+        if norm <= COLLINEARITY * np.linalg.norm(column):
+            return None
+        self.columns[self.size] = left
+        return self.append(norm, float(left @ self.residual) / norm, np.zeros(self.size), True)
+
     def append(self, norm: float, gain: float, missed: np.ndarray, renew: bool):
         """Make the candidate examined last a column ``q`` and take ``gain`` times it off the residual.
 
@@ -357,9 +383,25 @@ class _Basis:
         return products[0], gain + slip, renewed
 
 
-def _select(sweep: _Sweep, y: np.ndarray, n_terms: int) -> ScreenPath:
-    """Run the forward selection of `screen_terms`."""
+def _granted(
+    candidates: Candidates, y: np.ndarray, constraints: LinearConstraints
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the output less what the constraints fix, and the columns that they leave free, as rows."""
+    named = candidates.restrict(candidates.library.subset(list(constraints.terms))).matrix()
+    fixed, free = constraints.restrict(list(constraints.terms)).solution_space()
+    return y - named @ fixed, (named @ free).T
+
+
+def _select(
+    sweep: _Sweep,
+    y: np.ndarray,
+    n_terms: int,
+    named: np.ndarray = NONE,
+    granted: np.ndarray | None = None,
+) -> ScreenPath:
+    """Run the forward selection of `screen_terms`, without the ``named`` terms, after ``granted`` columns."""
     y = np.ascontiguousarray(y)
+    granted = np.empty((0, y.size)) if granted is None else granted
     one = np.ones(y.size)
 
     def first_sums(chunk: slice) -> np.ndarray:
@@ -369,10 +411,18 @@ def _select(sweep: _Sweep, y: np.ndarray, n_terms: int) -> ScreenPath:
 
     norms, numerators = sweep.sum(first_sums)
     n_passes, n_verified = 2, 0
-    wanted = min(n_terms, sweep.n_terms)
-    basis = _Basis(sweep, y, min(wanted, y.size + 1))
-    total = fresh = basis.energy
+    wanted = min(n_terms, sweep.n_terms - named.size)
+    basis = _Basis(sweep, y, min(wanted + len(granted), y.size + 1))
+    total = basis.energy
     standing = _Standing(norms, numerators, total)
+    for column in granted:
+        taken = basis.grant(column)
+        if taken is not None:
+            standing.project_out(*taken[:2])
+            standing.renew(taken[2], basis.energy)
+            n_passes += 2
+    standing.alive[named] = False
+    fresh = basis.energy
     order: list[int] = []
     err: list[float] = []
     stopped_at = "n_terms"
@@ -399,7 +449,7 @@ def _select(sweep: _Sweep, y: np.ndarray, n_terms: int) -> ScreenPath:
         if renewed is not None:
             fresh = basis.energy
             standing.renew(renewed, fresh)
-    collinear = np.setdiff1d(np.flatnonzero(~standing.alive), order)
+    collinear = np.setdiff1d(np.flatnonzero(~standing.alive), [*order, *named])
     return ScreenPath(
         np.array(order, dtype=np.int64), np.array(err), collinear, int(n_passes), n_verified, stopped_at
     )

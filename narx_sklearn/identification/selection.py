@@ -47,6 +47,9 @@ class SelectionPath:
         Number of terms they were chosen from.
     collinear : tuple of int
         Terms left out because they are collinear, to rounding, with terms chosen before them.
+    n_considered : int or None
+        Number of terms before screening, the price of choosing among which a criterion asks; None where
+        there was no screening.
     """
 
     supports: tuple[tuple[int, ...], ...]
@@ -55,6 +58,7 @@ class SelectionPath:
     n_samples: int
     n_candidates: int
     collinear: tuple[int, ...] = ()
+    n_considered: int | None = None
 
     @property
     def sizes(self) -> np.ndarray:
@@ -64,7 +68,8 @@ class SelectionPath:
     def criterion(self, name: str) -> np.ndarray:
         """Return an information criterion for every size; residuals that are rounding count as equal."""
         rss = np.maximum(self.rss, EXACT * self.total)
-        return information_criterion(name, rss, self.n_samples, self.sizes, self.n_candidates)
+        considered = self.n_considered or self.n_candidates
+        return information_criterion(name, rss, self.n_samples, self.sizes, considered)
 
     def best_size(self, name: str) -> int:
         """Return the size at the criterion's global minimum (not where it first rises)."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from narx_sklearn._validation import (
+    all_finite,
     as_signals,
     check_same_length,
     finite_rows,
@@ -165,11 +166,13 @@ def free_run(model: NARXModel, X, y_init=None, *, sessions=None, bound: float = 
         )
     layout, program, bound = layout_of(model), program_of(model), _finite_bound(bound)
     y = np.empty((X.shape[0], len(model.outputs)))
-    finite = finite_rows(X)
-    y[~finite] = np.nan
+    if not all_finite(X):
+        finite = finite_rows(X)
+        y[~finite] = np.nan
+        pieces = finite_slices(pieces, finite)
     stopped_at = None
     given = []
-    for piece in finite_slices(pieces, finite):
+    for piece in pieces:
         start = None if initial is None else initial[piece][: model.max_lag]
         n_needed = min(model.max_lag, piece.stop - piece.start)
         if start is not None and (len(start) < n_needed or not np.isfinite(start).all()):
