@@ -689,13 +689,13 @@ def test_hysteretic_step_agrees_with_its_python_original_state_included():
 class FirstColumn:
     """Takes the first of several columns, so that the checks which bring several test all the rest."""
 
-    def fit(self, X, y):
+    def fit(self, X, y, sessions=None):
         X, y = validate_data(self, X, y, y_numeric=True, ensure_min_samples=2)
-        super().fit(X[:, :1], y)
+        super().fit(X[:, :1], y, sessions=sessions)
         validate_data(self, X, y, y_numeric=True)  # n_features_in_ as the checks passed them
         return self
 
-    def predict(self, X):
+    def predict(self, X, sessions=None):
         check_is_fitted(self)
         X = validate_data(self, X, reset=False)
         return self.model_.run(X[:, 0]) if hasattr(self, "model_") else self.operator_.run(X[:, 0])
@@ -765,3 +765,48 @@ def test_scikit_learn_checks_on_the_first_column(estimator, check):
 )
 def test_scikit_learn_checks(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [PrandtlIshlinskii(radii=[0, 0.8, 1.7]), BoucWen(exponent_bounds=(1, 1), n_starts=2, random_state=0)],
+    ids=["prandtl-ishlinskii", "bouc-wen"],
+)
+class TestSessions:
+    """Two recordings, each from rest: what one leaves behind must not enter the other."""
+
+    def records(self, estimator):
+        t = np.arange(400) / 100
+        u = [3 * np.sin(2 * np.pi * t[:330]), 2 * np.cos(3 * np.pi * t)]
+        run = EXAMPLE_2_2.run if isinstance(estimator, PrandtlIshlinskii) else PIEZO_BENCH.run
+        labels = np.repeat([0, 1], [330, 400])
+        return np.concatenate(u)[:, None], np.concatenate([run(part) for part in u]), labels
+
+    def test_the_true_system_is_found_from_two_recordings(self, estimator):
+        X, y, sessions = self.records(estimator)
+        fitted = clone(estimator).fit(X, y, sessions=sessions)
+        assert fitted.score(X, y, sessions=sessions) > 1 - 1e-8
+        assert fitted.score(X, y) < 0.9999  # run through, the second recording starts from the first's end
+
+    def test_a_prediction_is_that_of_each_recording_alone(self, estimator):
+        X, y, sessions = self.records(estimator)
+        fitted = clone(estimator).fit(X, y, sessions=sessions)
+        alone = [fitted.predict(X[sessions == label]) for label in (0, 1)]
+        assert_array_equal(fitted.predict(X, sessions=sessions), np.concatenate(alone))
+
+    def test_samples_to_settle_are_left_out_of_each(self, estimator):
+        X, y, sessions = self.records(estimator)
+        spoiled = y.copy()
+        spoiled[:5] += 100.0
+        spoiled[330:335] -= 100.0
+        fitted = clone(estimator).set_params(n_settle=5).fit(X, spoiled, sessions=sessions)
+        assert_allclose(fitted.predict(X, sessions=sessions), y, atol=1e-3)
+        with pytest.raises(
+            ValueError, match="n_settle=400 must be 0 or more and leave at least 2 of the 730"
+        ):
+            clone(estimator).set_params(n_settle=400).fit(X, y, sessions=sessions)
+
+    def test_one_label_a_sample_is_wanted(self, estimator):
+        X, y, sessions = self.records(estimator)
+        with pytest.raises(ValueError, match="sessions must hold one label a sample"):
+            clone(estimator).fit(X, y, sessions=sessions[:-1])

@@ -8,7 +8,14 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from narx_sklearn.physics._checks import check_finite, check_settle, validate_input, validate_record
+from narx_sklearn.physics._checks import (
+    SessionScoreMixin,
+    check_finite,
+    run_pieces,
+    settled_samples,
+    validate_input,
+    validate_record,
+)
 from narx_sklearn.physics.boucwen import BoucWenModel, _bouc_wen_run, check_substeps
 
 __all__ = ["BoucWen"]
@@ -16,7 +23,7 @@ __all__ = ["BoucWen"]
 MAX_ITERATIONS = 100  # of the search from one start; a few dozen are usual
 
 
-class BoucWen(RegressorMixin, BaseEstimator):
+class BoucWen(SessionScoreMixin, RegressorMixin, BaseEstimator):
     """Bouc-Wen hysteresis with parameters estimated from data.
 
     ``y = input_gain u + hysteresis_gain h + offset`` with h from (2.6), chosen to minimise the squared error
@@ -30,8 +37,8 @@ class BoucWen(RegressorMixin, BaseEstimator):
     fit_intercept : bool, default=True
         Whether to estimate the offset; otherwise it is 0.
     n_settle : int, default=0
-        First samples that move h but do not count in the fit, for records that begin with a history nobody
-        knows.
+        First samples of each recording that move h but do not count in the fit, for records that begin with
+        a history nobody knows.
     n_starts : int, default=5
         Starting points of the search, drawn at random within the bounds.
     substeps : int, default=1
@@ -97,7 +104,7 @@ class BoucWen(RegressorMixin, BaseEstimator):
         self.substeps = substeps
         self.random_state = random_state
 
-    def fit(self, X, y):
+    def fit(self, X, y, sessions=None):
         """Estimate all parameters by least squares on the free run.
 
         Parameters
@@ -106,6 +113,8 @@ class BoucWen(RegressorMixin, BaseEstimator):
             Input, in the order it was recorded.
         y : array-like of shape (n_samples,)
             Output.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes another recording begins, from rest.
 
         Returns
         -------
@@ -116,10 +125,9 @@ class BoucWen(RegressorMixin, BaseEstimator):
         ValueError
             If `X` has several columns or is constant, or an argument is out of range.
         """
-        u, y = validate_record(self, X, y)
-        problem = _ShapeProblem(
-            u, y, check_settle(self.n_settle, u.size), self.fit_intercept, check_substeps(self.substeps)
-        )
+        u, y, pieces = validate_record(self, X, y, sessions)
+        counted = settled_samples(self.n_settle, pieces)
+        problem = _ShapeProblem(u, y, pieces, counted, self.fit_intercept, check_substeps(self.substeps))
         lower, upper = self._bounds()
         starts = check_random_state(self.random_state).uniform(lower, upper, (self._count(), lower.size))
         free = upper > lower
@@ -142,13 +150,15 @@ class BoucWen(RegressorMixin, BaseEstimator):
         self.model_ = problem.model(shape)
         return self
 
-    def predict(self, X):
+    def predict(self, X, sessions=None):
         """Return the output along an input, starting from h = 0.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, 1)
             Input, in order of time.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes another recording begins, from rest.
 
         Returns
         -------
@@ -156,7 +166,8 @@ class BoucWen(RegressorMixin, BaseEstimator):
             Output, which depends on the present and past inputs only.
         """
         check_is_fitted(self)
-        return self.model_.run(validate_input(self, X), substeps=self.substeps)
+        u, pieces = validate_input(self, X, sessions)
+        return run_pieces(lambda part: self.model_.run(part, substeps=self.substeps), u, pieces)
 
     def _count(self) -> int:
         if not isinstance(self.n_starts, Integral) or self.n_starts < 1:
@@ -172,24 +183,30 @@ class BoucWen(RegressorMixin, BaseEstimator):
 
 
 class _ShapeProblem:
-    """The free-run error as a function of the shape alone, on a record scaled to order 1."""
+    """The free-run error as a function of the shape alone, on recordings scaled to order 1."""
 
-    def __init__(self, u, y, skip, fit_intercept, substeps):
+    def __init__(self, u, y, pieces, counted, fit_intercept, substeps):
         self.half_range = 0.5 * np.ptp(u)
         if self.half_range == 0:
             raise ValueError("X is constant and shows no hysteresis; pass an input that moves.")
-        self.level = y[skip:].mean() if fit_intercept else 0.0
-        self.scale = np.abs(y[skip:] - self.level).max() or 1.0
-        self.u, self.y = u / self.half_range, (y[skip:] - self.level) / self.scale
-        self.skip, self.fit_intercept, self.substeps = skip, fit_intercept, substeps
+        self.level = y[counted].mean() if fit_intercept else 0.0
+        self.scale = np.abs(y[counted] - self.level).max() or 1.0
+        self.u, self.y = u / self.half_range, (y[counted] - self.level) / self.scale
+        self.pieces, self.counted = pieces, counted
+        self.fit_intercept, self.substeps = fit_intercept, substeps
 
     def solve(self, shape):
         """Return the linear coefficients (input, minus hysteresis, constant) and the error they leave."""
         beta = 10.0 ** shape[0]
-        h, stopped_at = _bouc_wen_run(self.u, 1.0, beta, shape[1] * beta, shape[2], 0.0, self.substeps)
-        h[stopped_at:] = 0.0  # a shape that the samples cannot resolve explains nothing from there on
+
+        def hysteresis(u):
+            h, stopped_at = _bouc_wen_run(u, 1.0, beta, shape[1] * beta, shape[2], 0.0, self.substeps)
+            h[stopped_at:] = 0.0  # a shape that the samples cannot resolve explains nothing from there on
+            return h
+
+        h = run_pieces(hysteresis, self.u, self.pieces)
         columns = [self.u, -h] + ([np.ones_like(h)] if self.fit_intercept else [])
-        design = np.column_stack(columns)[self.skip :]
+        design = np.column_stack(columns)[self.counted]
         coefficients = np.linalg.lstsq(design, self.y, rcond=None)[0]
         return coefficients, self.y - design @ coefficients
 

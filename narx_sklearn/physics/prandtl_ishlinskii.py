@@ -11,9 +11,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.physics._checks import (
+    SessionScoreMixin,
     check_finite,
-    check_settle,
     check_signal,
+    run_pieces,
+    settled_samples,
     validate_input,
     validate_record,
 )
@@ -204,7 +206,7 @@ class PrandtlIshlinskiiOperator:
         )
 
 
-class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
+class PrandtlIshlinskii(SessionScoreMixin, RegressorMixin, BaseEstimator):
     """Prandtl-Ishlinskii hysteresis with weights estimated from data.
 
     ``y[k] = c + sum_j weights[j] P_j(u[k] - rest_input)``, weights not negative. The plays are known once
@@ -224,8 +226,8 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
         Least weight of the play of radius 0, in units of output per unit of input. A positive value
         guarantees an inverse.
     n_settle : int, default=0
-        First samples that move the plays but do not count in the fit, for records that begin with a history
-        nobody knows. One pass over the input's range forgets it.
+        First samples of each recording that move the plays but do not count in the fit, for records that
+        begin with a history nobody knows. One pass over the input's range forgets it.
 
     Attributes
     ----------
@@ -271,7 +273,7 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
         self.min_slope = min_slope
         self.n_settle = n_settle
 
-    def fit(self, X, y):
+    def fit(self, X, y, sessions=None):
         """Estimate the weights by least squares under their sign.
 
         Parameters
@@ -280,6 +282,8 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
             Input, in the order it was recorded.
         y : array-like of shape (n_samples,)
             Output.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes another recording begins, from rest.
 
         Returns
         -------
@@ -290,15 +294,15 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
         ValueError
             If `X` has several columns or is constant, or an argument is out of range.
         """
-        u, y = validate_record(self, X, y)
-        skip = check_settle(self.n_settle, u.size)
+        u, y, pieces = validate_record(self, X, y, sessions)
+        counted = settled_samples(self.n_settle, pieces)
         min_slope = check_finite(self.min_slope, "min_slope")
         if min_slope < 0:
             raise ValueError(f"min_slope must be 0 or more, got {min_slope:g}.")
         rest_input = check_finite(self.rest_input, "rest_input")
         radii = self._radii(u)
-        plays = play(u - rest_input, radii)[skip:]
-        target = y[skip:] - min_slope * plays[:, 0]
+        plays = run_pieces(lambda part: play(part - rest_input, radii), u, pieces)[counted]
+        target = y[counted] - min_slope * plays[:, 0]
         centre, level = (plays.mean(axis=0), target.mean()) if self.fit_intercept else (0.0, 0.0)
         # A free constant is projected out by centring; what is left has the same weights.
         weights, _ = nnls(plays - centre, target - level)
@@ -310,13 +314,15 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
         self.radii_, self.coef_, self.intercept_ = radii, weights, intercept
         return self
 
-    def predict(self, X):
+    def predict(self, X, sessions=None):
         """Return the output along an input, starting from rest.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, 1)
             Input, in order of time.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes another recording begins, from rest.
 
         Returns
         -------
@@ -324,7 +330,8 @@ class PrandtlIshlinskii(RegressorMixin, BaseEstimator):
             Output, which depends on the present and past inputs only.
         """
         check_is_fitted(self)
-        return self.operator_.run(validate_input(self, X))
+        u, pieces = validate_input(self, X, sessions)
+        return run_pieces(self.operator_.run, u, pieces)
 
     def inverse(self) -> PrandtlIshlinskiiOperator:
         """Return the analytic inverse of the estimated operator.
