@@ -1,0 +1,304 @@
+"""Compensation beside the thesis: Tables 5.3 and 5.5, other references, disturbances, feedback, speed.
+
+    python benchmarks/thesis_compensation.py [--seeds 10] [--json results.json]
+
+The piezo bench is (5.1), 50 s of PRFS at 1 kHz, reference 40 sin(2 pi t) um. All candidates are those of
+rate-independent, symmetric hysteresis: the last output, and products with one first difference of the input.
+"""
+
+import argparse
+import platform
+import time
+import warnings
+
+import numpy as np
+from harness.tables import format_table, save_json
+
+from narx_sklearn import NARXRegressor
+from narx_sklearn.compensation import (
+    PID,
+    BoucWenCompensator,
+    InverseCompensator,
+    IsolatedCompensator,
+    PrandtlIshlinskiiCompensator,
+    RootCompensator,
+    simulate_loop,
+    smooth_output,
+    tune_pid,
+)
+from narx_sklearn.datasets import make_pneumatic_valve
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.metrics import mape, nsavi
+from narx_sklearn.model import Difference, DifferenceSign
+from narx_sklearn.physics import PIEZO_BENCH, BoucWenModel, PrandtlIshlinskii
+from narx_sklearn.signals import prfs
+
+PERIOD = 1e-3
+LIMITS = (-80.0, 80.0)
+PHI = (Difference("u", name="phi1"), DifferenceSign("u", name="phi2"))
+INVERSE_PHI = (Difference("y", name="phi1"), DifferenceSign("y", name="phi2"))
+
+
+def rate_independent(output: str, *, newest_is_linear: bool = False):
+    """Return the structure of symmetric rate-independent hysteresis (second order in the difference)."""
+
+    def keep(term) -> bool:
+        powers = dict(term.cluster)
+        difference, sign = powers.pop("phi1", 0), powers.pop("phi2", 0)
+        level = sum(powers.values())
+        if difference == 0:
+            return str(term) == f"{output}[k-1]"
+        if newest_is_linear and any(v.lag == 0 for v in term.variables):
+            return str(term) == "phi1[k]"
+        is_odd = (level + difference + sign) % 2 == 1
+        return is_odd and sign <= 1 and (difference == 1 or (difference == 2 and level <= 1)) and level <= 4
+
+    return keep
+
+
+def compensators(period: float = PERIOD, limits=LIMITS) -> dict:
+    """Return the three compensators of the thesis with candidates of degree six, and the two of physics."""
+    common = {
+        "degree": 6,
+        "max_terms": 25,
+        "fit_intercept": False,
+        "origin": "zero",
+        "refine": False,
+        "sampling_period": period,
+    }
+    direct = {"phi": PHI, "delay": 0, "constraints": "y[k-1] = 1"}
+    root = NARXRegressor(1, [0], phi_lags=[0], structure=rate_independent("y"), **direct, **common)
+    isolated = NARXRegressor(
+        1, [0, 1], phi_lags=[0, 1], structure=rate_independent("y", newest_is_linear=True), **direct, **common
+    )
+    inverse = NARXRegressor(
+        1, 1, phi=INVERSE_PHI, structure=rate_independent("u"), constraints="u[k-1] = 1", **common
+    )
+    return {
+        "C_R": RootCompensator(root, limits=limits),
+        "C_I": IsolatedCompensator(isolated, limits=limits),
+        "C_inverse": InverseCompensator(inverse, lead=1, limits=limits),
+        "Prandtl-Ishlinskii": PrandtlIshlinskiiCompensator(
+            PrandtlIshlinskii(20, min_slope=1e-3), limits=limits
+        ),
+        "Bouc-Wen": BoucWenCompensator(limits=limits),
+    }
+
+
+def record(seed: int, *, period: float = PERIOD, plant=PIEZO_BENCH, noise: float = 0.0):
+    """Return input and output of one identification experiment; noise is relative, on the input's reading."""
+    n_samples = round(50.0 / period)
+    u = prfs(n_samples, 1.0, period, amplitudes=80.0, random_state=seed)
+    y = plant.run(u)
+    read = u + noise * u.std() * np.random.default_rng(seed + 1000).standard_normal(n_samples)
+    return read.reshape(-1, 1), y
+
+
+def track(compensator, reference, plant=PIEZO_BENCH) -> tuple[float, float]:
+    """Return MAPE and NSAVI on a plant."""
+    m = compensator.predict(reference, m_init=0.0)
+    y = plant.run(m)
+    return (mape(reference, y) if np.isfinite(y).all() else np.inf), nsavi(reference, m)
+
+
+def sine(period: float = PERIOD, size: float = 40.0, seconds: float = 5.0) -> np.ndarray:
+    """Return the thesis's reference."""
+    return size * np.sin(2.0 * np.pi * np.arange(round(seconds / period)) * period)
+
+
+def table_5_3(seeds: int) -> tuple[str, dict]:
+    """Return MAPE and NSAVI over seeds beside the thesis."""
+    reference = sine()
+    found = {name: [] for name in compensators()}
+    terms = {}
+    for seed in range(seeds):
+        X, y = record(seed)
+        for name, compensator in compensators().items():
+            compensator.fit(X, y)
+            found[name].append(track(compensator, reference))
+            terms.setdefault(name, []).append(len(getattr(compensator.model_, "library", ())))
+    published = {"C_R": (0.1486, 1.1377), "C_I": (0.1516, 1.1363), "C_inverse": (0.5443, 1.1487)}
+    rows = []
+    for name, values in found.items():
+        errors, efforts = np.array(values).T
+        rows.append(
+            [name, float(np.median(errors)), float(errors.min()), float(errors.max()),
+             float(np.median(efforts)), int(np.median(terms[name])), *published.get(name, ("-", "-"))]
+        )  # fmt: skip
+    rows.append(["none", mape(reference, PIEZO_BENCH.run(reference)), "-", "-", 1.0, "-", 6.5363, 1.0])
+    header = ["compensator", "MAPE median", "least", "worst", "NSAVI", "terms", "thesis MAPE", "NSAVI "]
+    return format_table(header, rows), {"table_5_3": found}
+
+
+def studies() -> tuple[str, dict]:
+    """Return MAPE on other references, disturbed data and a changed plant (seed 0)."""
+    k = np.arange(5000)
+    growing = 40.0 * (0.3 + 0.7 * k / 5000) * np.sin(2 * np.pi * k / 1000)
+    several = 20.0 * np.sin(2 * np.pi * k / 1000) + 12.0 * np.sin(2 * np.pi * 0.37 * k / 1000)
+    stops = sine()
+    stops[3130:] = stops[3130]
+    softer = BoucWenModel(A=0.9, beta=0.0088, gamma=0.008, input_gain=1.6, hysteresis_gain=-1.0)
+    X, y = record(0)
+    noisy, y_noisy = record(0, noise=0.05)
+    rows = []
+    for name, compensator in compensators().items():
+        compensator.fit(X, y)
+        row = [name, *(track(compensator, r)[0] for r in (growing, several, stops))]
+        m = compensator.predict(stops, m_init=0.0)
+        rest = PIEZO_BENCH.run(m)[3200:] - stops[-1]
+        row += [float(np.abs(rest).max()), float(np.ptp(m[3200:])), track(compensator, sine(), softer)[0]]
+        for reading in (noisy, smooth_output(noisy, 201).reshape(-1, 1)):
+            row.append(track(compensators()[name].fit(reading, y_noisy), sine())[0])
+        rows.append(row)
+    rest = PIEZO_BENCH.run(stops)[3200:] - stops[-1]
+    rows.append(
+        ["none", *(mape(r, PIEZO_BENCH.run(r)) for r in (growing, several, stops)),
+         float(abs(rest).max()), 0.0, mape(sine(), softer.run(sine())), "-", "-"]
+    )  # fmt: skip
+    header = [
+        "compensator",
+        "growing",
+        "two tones",
+        "stops",
+        "rest [um]",
+        "drift [V]",
+        "beta +10 %",
+        "5 % input noise",
+        "smoothed",
+    ]
+    return format_table(header, rows), {"studies": rows}
+
+
+def sampling_times() -> tuple[str, dict]:
+    """Return MAPE against the sampling time (Figure 5.10), seed 0."""
+    rows = []
+    for period in (0.001, 0.002, 0.005, 0.01, 0.02):
+        X, y = record(0, period=period)
+        row = [period]
+        for compensator in compensators(period).values():
+            row.append(track(compensator.fit(X, y), sine(period))[0])
+        rows.append(row)
+    return format_table(["period [s]", *compensators()], rows), {"sampling": rows}
+
+
+def valve_compensators() -> dict:
+    """Return compensators for the valve: hysteresis, its inverse with lags, and physics."""
+    limits = (1.0, 5.0)
+    phi = (Difference("u", name="phi1"), DifferenceSign("u", name="phi2"))
+    inverse_phi = (Difference("y", name="phi1"), DifferenceSign("y", name="phi2"))
+    common = {"degree": 3, "fit_intercept": False, "origin": "zero", "structure": "hysteresis"}
+    root = NARXRegressor(2, 1, phi=phi, n_terms=5, refine=True, constraints="y[k-1] + y[k-2] = 1", **common)
+    inverse = NARXRegressor(1, 1, phi=inverse_phi, n_terms=5, refine=True, constraints="u[k-1] = 1", **common)
+    return {
+        "C_R": RootCompensator(root, limits=limits, policy="nearest", rate_limit=0.05),
+        "C_inverse": InverseCompensator(inverse, denoise=301, limits=limits, rate_limit=0.05),
+        "Prandtl-Ishlinskii": PrandtlIshlinskiiCompensator(
+            PrandtlIshlinskii(30, rest_input=3.0, min_slope=0.05, n_settle=500), limits=limits
+        ),
+        "Bouc-Wen": BoucWenCompensator(limits=limits),
+    }
+
+
+def table_5_5() -> tuple[str, dict]:
+    """Return MAPE and NSAVI on the valve with friction, dead band and noise, beside the thesis."""
+    data = make_pneumatic_valve(20_000, noise=0.01, random_state=0)
+    seconds = 0.01 * np.arange(6000)
+    reference = 3.08 + 0.34 * np.sin(0.2 * np.pi * seconds)
+
+    def plant(u):
+        return make_pneumatic_valve(u=u).truth.y.to_numpy()
+
+    published = {"C_R": (3.2636, 1.7321), "C_inverse": (2.9166, 1.6140)}
+    judged = slice(1000, None)
+    rows = []
+    for name, compensator in valve_compensators().items():
+        compensator.fit(data.X.to_numpy(), data.y.to_numpy())
+        m = compensator.predict(reference)
+        error = mape(reference[judged], plant(m)[judged])
+        rows.append([name, error, nsavi(reference[judged], m[judged]), *published.get(name, ("-", "-"))])
+    rows.append(["none", mape(reference[judged], plant(reference)[judged]), 1.0, 18.1308, 1.0])
+    return format_table(["compensator", "MAPE", "NSAVI", "thesis MAPE", "NSAVI "], rows), {"table_5_5": rows}
+
+
+def loops() -> tuple[str, dict]:
+    """Return what feedback and compensator add, on the piezo bench with noise and drift."""
+    period = 2e-3
+    X, y = record(0, period=period)
+    compensator = compensators(period)["C_R"].fit(X, y)
+    reference = sine(period, seconds=3.0)
+    disturbance = 4.0 * np.arange(reference.size) / reference.size  # creep: 4 um in 3 s
+    setting = {"noise": 0.05, "disturbance": disturbance, "random_state": 0}
+    options = {"kind": "pi", "sampling_period": period, "limits": (-20.0, 20.0), **setting}
+    alone = tune_pid(PIEZO_BENCH, reference, **options)
+    inside = tune_pid(PIEZO_BENCH, reference, compensator=compensator, **options)
+    cases = {
+        "open loop, nothing": (None, None),
+        "compensator": (None, compensator),
+        "PI, tuned alone": (alone, None),
+        "PI, tuned round the compensator": (inside, compensator),
+        "PI tuned alone, with the compensator": (alone, compensator),
+    }
+    rows = []
+    for name, (controller, law) in cases.items():
+        run = simulate_loop(PIEZO_BENCH, reference, controller=controller, compensator=law, **setting)
+        gains = controller or PID()
+        rows.append([name, run.mape, run.nsavi, gains.kp, gains.ki])
+    return format_table(["loop", "MAPE", "NSAVI", "kp", "ki [1/s]"], rows), {"loops": rows}
+
+
+def speed(n_samples: int = 1_000_000) -> tuple[str, dict]:
+    """Return processor seconds for a million samples, and the times of single steps."""
+    X, y = record(0)
+    reference = np.tile(sine(seconds=1.0), n_samples // 1000)
+    rows = []
+    for name, compensator in compensators().items():
+        compensator.fit(X[:20_000], y[:20_000])
+        compensator.predict(reference[:10])
+        runs = []
+        for _ in range(5):
+            begin = time.process_time()
+            compensator.predict(reference)
+            runs.append(time.process_time() - begin)
+        compensator.reset(0.0, 0.0)
+        steps = np.empty(20_000)
+        for k in range(steps.size):
+            begin = time.perf_counter_ns()
+            compensator.step(reference[k])
+            steps[k] = (time.perf_counter_ns() - begin) / 1000.0
+        rows.append(
+            [name, float(np.median(runs)), min(runs), max(runs), float(np.median(steps)),
+             float(np.quantile(steps, 0.999)), float(steps.max())]
+        )  # fmt: skip
+    header = ["compensator", "1e6 samples [s]", "least", "most", "step [us]", "99.9 %", "worst"]
+    return format_table(header, rows), {"speed": rows}
+
+
+PARTS = {
+    "table 5.3": table_5_3,
+    "studies": studies,
+    "sampling time": sampling_times,
+    "table 5.5": table_5_5,
+    "closed loop": loops,
+    "speed": speed,
+}
+
+
+def main(seeds: int, parts, path: str | None) -> None:
+    """Print the tables asked for and save the numbers."""
+    warnings.simplefilter("ignore", NarxWarning)
+    content: dict = {"machine": platform.processor()}
+    for name in parts:
+        begin = time.perf_counter()
+        text, numbers = PARTS[name](seeds) if name == "table 5.3" else PARTS[name]()
+        content |= numbers
+        print(f"{name} ({time.perf_counter() - begin:.0f} s)\n{text}\n", flush=True)
+    save_json(path, content)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=list(PARTS))
+    parser.add_argument("--json", default=None)
+    arguments = parser.parse_args()
+    main(arguments.seeds, arguments.parts, arguments.json)

@@ -1,0 +1,49 @@
+"""Compensation: laws that make a machine follow a reference, from its model or its inverse, and loops."""
+
+from narx_sklearn.compensation.c_code import c_source
+from narx_sklearn.compensation.closed_loop import PID, ClosedLoopRun, PIDState, simulate_loop, tune_pid
+from narx_sklearn.compensation.derive import (
+    inverse_law,
+    isolated_law,
+    root_law,
+    root_polynomials,
+    smooth_signs,
+)
+from narx_sklearn.compensation.inverse import InverseCompensator, smooth_output
+from narx_sklearn.compensation.isolated import IsolatedCompensator
+from narx_sklearn.compensation.law import BoucWenElement, CompensationLaw, LawCounts, LawRun, LawState
+from narx_sklearn.compensation.physical import BoucWenCompensator, PrandtlIshlinskiiCompensator
+from narx_sklearn.compensation.roots import RootCompensator
+from narx_sklearn.compensation.stability import AmplificationWarning, LawStability, law_stability
+from narx_sklearn.compensation.tracking import run_plant, tracking_error, tracking_scorer
+
+__all__ = [
+    "PID",
+    "AmplificationWarning",
+    "BoucWenCompensator",
+    "BoucWenElement",
+    "ClosedLoopRun",
+    "CompensationLaw",
+    "InverseCompensator",
+    "IsolatedCompensator",
+    "LawCounts",
+    "LawRun",
+    "LawStability",
+    "LawState",
+    "PIDState",
+    "PrandtlIshlinskiiCompensator",
+    "RootCompensator",
+    "c_source",
+    "inverse_law",
+    "isolated_law",
+    "law_stability",
+    "root_law",
+    "root_polynomials",
+    "run_plant",
+    "simulate_loop",
+    "smooth_output",
+    "smooth_signs",
+    "tracking_error",
+    "tracking_scorer",
+    "tune_pid",
+]

@@ -1,0 +1,294 @@
+"""What all compensators share: identify or take a model, derive the law, run it, explain it."""
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_is_fitted
+
+from narx_sklearn._validation import as_signals, check_choice, check_same_length, column_labels
+from narx_sklearn.compensation.c_code import c_source
+from narx_sklearn.compensation.law import POLICIES, CompensationLaw, LawRun, LawState, with_limits
+from narx_sklearn.compensation.stability import warn_if_amplifying
+from narx_sklearn.model.narx import NARXModel
+
+SETTLING = 1000  # samples in which a law finds the input that holds the first reference
+CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
+
+
+class Compensator(BaseEstimator):
+    """Base of the compensators; see `RootCompensator` for the contract."""
+
+    def fit(self, X=None, y=None, sessions=None):
+        """Identify the model, unless it is given, and derive the law.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs), default=None
+            Inputs that were applied to the machine. None where the model is given.
+        y : array-like of shape (n_samples,), default=None
+            Output that was measured. None where the model is given.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample; where it changes, another recording begins.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there are neither data nor a model, an argument is out of range, or the model allows no law.
+
+        Warns
+        -----
+        AmplificationWarning
+            If the law amplifies small errors of its own input along the first samples of the record.
+        """
+        self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
+        limits, rate_limit = self._check_limits()
+        check_choice(getattr(self, "policy", "hold"), "policy", POLICIES)
+        self._line = None
+        data = None
+        if X is not None and y is not None:
+            data = as_signals(X, "X"), as_signals(y, "y")
+            check_same_length(X=data[0], y=data[1], sessions=sessions)
+            if data[1].shape[1] != 1:
+                raise ValueError(f"A compensator follows one output, y has {data[1].shape[1]} columns.")
+            self._line = _static_line(data[0][:, 0], data[1][:, 0])
+            self.n_features_in_ = data[0].shape[1]
+        law = self._identify_law(X, y, sessions)
+        if self.limits is None and (data is not None or law.method == "search"):
+            limits = self._range_of(data)
+        self._is_continuum = law.keeps_rest
+        self.law_ = with_limits(
+            law, limits, rate_limit, getattr(self, "policy", "hold"), law.keeps_rest and self.keep_rest
+        )
+        self.reset()
+        if data is not None:
+            finite = data[1][np.isfinite(data[1]).all(axis=1)][:CHECKED_SAMPLES]
+            if not self.law_.others:
+                warn_if_amplifying(self.law_, finite, m=self._first_input(finite[0]))
+        return self
+
+    def _identify_law(self, X, y, sessions) -> CompensationLaw:
+        self.model_ = identified(self.model, self._default_regressor, X, y, sessions)
+        return self._derive(self.model_)
+
+    def predict(self, X, m_init=None):
+        """Return the input that makes the machine follow a reference.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples,) or (n_samples, 1 + n_others)
+            Reference, in the unit of the output; with a model of several inputs the others beside it. It may
+            be read ahead, and is held after its end.
+        m_init : float, default=None
+            Input held before the first sample. None takes the one that holds the first reference.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Compensation input, in the unit of the machine's input.
+        """
+        return self.compensate(X, m_init).m
+
+    def compensate(self, X, m_init=None) -> LawRun:
+        """Return the input along a reference with the counts of what could not be had.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples,) or (n_samples, 1 + n_others)
+            As for `predict`.
+        m_init : float, default=None
+            As for `predict`.
+
+        Returns
+        -------
+        LawRun
+        """
+        check_is_fitted(self, "law_")
+        reference = as_signals(X, "X")
+        if reference.shape[1] != len(self.law_.known):
+            raise ValueError(
+                f"X has {reference.shape[1]} columns; the law needs {len(self.law_.known)}: the reference"
+                f"{''.join(', ' + s for s in self.law_.others)}."
+            )
+        if not np.all(np.isfinite(reference)):
+            row = int(np.flatnonzero(~np.isfinite(reference).all(axis=1))[0])
+            raise ValueError(
+                f"The reference is not finite at sample {row}; a machine needs one at every sample. "
+                "Interpolate the gap or compensate the parts by themselves."
+            )
+        start = self._first_input(reference[0]) if m_init is None else float(m_init)
+        return self.law_.run(reference, m=start)
+
+    def reset(self, reference=0.0, m=None):
+        """Set the state that `step` goes on from.
+
+        Parameters
+        ----------
+        reference : float or array-like of shape (n_past,), default=0.0
+            Reference up to the newest known sample, ``k + horizon - 1`` for a first step at k. A number, or
+            what lies before the array, has been held.
+        m : float or array-like, default=None
+            Inputs up to sample ``k - 1``, a warm start; a number has been held. None takes the input that
+            holds the first reference.
+
+        Returns
+        -------
+        self
+        """
+        check_is_fitted(self, "law_")
+        known = np.asarray(reference, dtype=float)
+        known = known.reshape(-1, len(self.law_.known)) if known.size > 1 else known.reshape(1, -1)
+        known = np.broadcast_to(known, (known.shape[0], len(self.law_.known)))
+        past = np.atleast_1d(np.asarray(self._first_input(known[0]) if m is None else m, dtype=float))
+        n_rows = max(known.shape[0], past.size)
+        known = np.concatenate([np.repeat(known[:1], n_rows - known.shape[0], axis=0), known])
+        past = np.concatenate([np.full(n_rows - past.size, past[0]), past])
+        self._state = self.law_.start(past[0], known[0])
+        self._state.settle(known[1:], past[1:])
+        return self
+
+    def step(self, reference_ahead):
+        """Compute one input, on line; the state is carried from call to call.
+
+        Parameters
+        ----------
+        reference_ahead : float or array-like of shape (1 + n_others,)
+            Reference ``law_.horizon`` samples ahead of the input wanted (and other known signals, then).
+
+        Returns
+        -------
+        float
+            The input to apply now.
+        """
+        return self._state.step(reference_ahead)
+
+    @property
+    def counts(self):
+        """How often `step` could not have its way since the last `reset`."""
+        return self._state.counts
+
+    def explain(self, form="equation", name="compensator"):
+        """Return the law as text.
+
+        Parameters
+        ----------
+        form : {"equation", "c"}, default="equation"
+            Equations to read, or a C99 program part that computes the same numbers: functions
+            ``<name>_reset`` and ``<name>_step``, no memory allocation, only ``math.h``.
+        name : str, default="compensator"
+            Prefix of the names in C.
+
+        Returns
+        -------
+        str
+        """
+        check_is_fitted(self, "law_")
+        check_choice(form, "form", ("equation", "c"))
+        return str(self.law_) if form == "equation" else c_source(self.law_, name)
+
+    def score(self, X, y):
+        """Return R² of the recorded input, computed from the recorded output as the reference.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, 1)
+            Input that was applied to the machine.
+        y : array-like of shape (n_samples,)
+            Output that was measured; taken as the reference.
+
+        Returns
+        -------
+        float
+            1 when the law gives back the very input. Noise of the output counts as reference here; to judge
+            by what a compensator does to a plant use `tracking_scorer`.
+        """
+        u = as_signals(X, "X")
+        r = np.column_stack([as_signals(y, "y"), u[:, 1:]])
+        m = self.predict(r, m_init=u[0, 0])
+        return float(1.0 - np.sum((u[:, 0] - m) ** 2) / np.sum((u[:, 0] - u[:, 0].mean()) ** 2))
+
+    def _first_input(self, known) -> float:
+        """Return the input that holds the first reference, as far as the law or the record know it."""
+        r = float(np.asarray(known).reshape(-1)[0])
+        low, high = self.law_.limits
+        guess = r if self._line is None else self._line[0] + self._line[1] * r
+        guess = float(min(max(guess, low), high))
+        if self._is_continuum:
+            return guess
+        row = np.asarray(known, dtype=float).reshape(1, -1)
+        settled = self.law_.run(np.repeat(row, SETTLING, axis=0), m=guess).m
+        calm = abs(settled[-1] - settled[-2]) <= 1e-9 * (1.0 + abs(settled[-1]))
+        return float(settled[-1]) if calm else guess
+
+    def _check_limits(self) -> tuple[tuple[float, float], float]:
+        limits = (-np.inf, np.inf) if self.limits is None else tuple(float(x) for x in self.limits)
+        if len(limits) != 2 or not limits[0] < limits[1]:
+            raise ValueError(f"limits must be a pair (low, high) with low < high, got {self.limits!r}.")
+        rate = np.inf if self.rate_limit is None else self.rate_limit
+        if not isinstance(rate, Real) or not float(rate) > 0.0:
+            raise ValueError(f"rate_limit must be positive (or None), got {self.rate_limit!r}.")
+        return limits, float(rate)
+
+    @staticmethod
+    def _range_of(data) -> tuple[float, float]:
+        if data is None:
+            raise ValueError(
+                "The law of this model is searched, which needs limits=(low, high): the range of the input. "
+                "They are taken from the data where fit gets data."
+            )
+        return float(np.nanmin(data[0][:, 0])), float(np.nanmax(data[0][:, 0]))
+
+    def __sklearn_is_fitted__(self):
+        return hasattr(self, "law_")
+
+    def __getstate__(self):
+        content = super().__getstate__()
+        content.pop("_state", None)
+        return content
+
+    def __setstate__(self, content):
+        super().__setstate__(content)
+        if "law_" in content:
+            self.reset()
+
+
+def identified(model: Any, default, X, y, sessions) -> NARXModel:
+    """Return a model that is given, or identify one with the given or the default estimator."""
+    if isinstance(model, NARXModel):
+        return model
+    if X is None or y is None:
+        raise ValueError(
+            "fit needs the record X (inputs) and y (output) to identify a model from, or the compensator a "
+            "model=NARXModel(...) that is known."
+        )
+    if model is not None and not hasattr(model, "fit"):
+        raise TypeError(
+            "model must be None, a NARXModel or an estimator such as NARXRegressor, got "
+            f"{type(model).__name__}."
+        )
+    regressor = default(X, y) if model is None else clone(model)
+    options = {} if sessions is None else {"sessions": sessions}
+    return regressor.fit(X, y, **options).model_
+
+
+def unnamed(X, y):
+    """Return X and y as arrays, so that a default model calls them u and y, and their labels."""
+    return as_signals(X, "X"), as_signals(y, "y")[:, 0], (column_labels(X), column_labels(y))
+
+
+def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Return the line of the input over the output through the first sample, where machines tend to rest."""
+    known = np.isfinite(u) & np.isfinite(y)
+    if known.sum() < 2 or np.ptp(y[known]) == 0.0:
+        return float(np.mean(u[known])) if known.any() else 0.0, 0.0
+    slope = np.cov(u[known], y[known])[0, 1] / np.var(y[known], ddof=1)
+    first = int(np.argmax(known))
+    return float(u[first] - slope * y[first]), float(slope)
+
+
+__all__ = ["Compensator", "LawState", "identified", "unnamed"]

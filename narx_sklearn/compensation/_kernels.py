@@ -1,0 +1,434 @@
+"""Kernels of the compensation laws: one sample, and a whole reference.
+
+A law sees a window of the last rows of its signals. The newest row, n = k + horizon, holds the newest
+reference; the input to be found, m[k], stands ``horizon`` rows before::
+
+    row          n            n-1           ...      n-horizon
+    reference    r[k+horizon] r[k+horizon-1] ...     r[k]
+    input        .            .             .        m[k] wanted, m[k-1], ... known
+
+A law and its state travel packed in three flat arrays: calling a compiled function with a tuple of twenty
+arrays costs six microseconds, with three arrays half of one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from narx_sklearn.compensation._polynomial_roots import first_root, root_bound, smallest_value
+from narx_sklearn.model.kernels import ASYMMETRIC_SIGN, STATE_SIZE, Program, phi_value, right_hand_side
+from narx_sklearn.model.operators import sign
+from narx_sklearn.physics.boucwen import SHORTEST_SHARE, _bouc_wen_step, _is_too_long
+
+EXPLICIT, ROOTS, SEARCH = range(3)  # how a law finds its input
+HOLD, NEAREST = range(2)  # what it does where no input satisfies it
+LAST_WITHOUT_MEMORY = ASYMMETRIC_SIGN  # kinds of phi regressors up to this one remember nothing
+BOUC_WEN = 100  # an element beyond the kinds of phi regressors: its parameters are A, beta, gamma, n
+N_COUNTS = 4
+SAMPLES, NO_SOLUTION, AT_LIMIT, AT_RATE = range(N_COUNTS)
+# The search goes outwards from the last input; a step that grows by this factor resolves near and far alike.
+FIRST_STEP, GROWTH = 1e-7, 1.35  # of the range of the input
+HEADER, NUMBERS = 16, 3
+
+
+class Law(NamedTuple):
+    """A compensation law, unpacked."""
+
+    n_channels: int
+    n_rows: int
+    horizon: int
+    method: int
+    policy: int
+    degree: int
+    n_regimes: int
+    reach: int  # newest rows of the reference the law reads, beyond the first
+    keeps_rest: int
+    low: float
+    high: float
+    max_step: float
+    program: Program
+    kinds: np.ndarray  # (n_elements,)
+    sources: np.ndarray
+    channels: np.ndarray
+    of_input: np.ndarray  # 1 for elements of m, 0 for those of known signals
+    parameters: np.ndarray  # (n_elements, width)
+
+
+class State(NamedTuple):
+    """What a law carries from sample to sample, and room to work in."""
+
+    window: np.ndarray  # (n_rows * n_channels,), oldest row first
+    elements: np.ndarray  # (n_elements, STATE_SIZE)
+    counts: np.ndarray  # (N_COUNTS,)
+    trial: np.ndarray  # (STATE_SIZE,)
+    chain: np.ndarray  # (degree + 1, degree + 1)
+    work: np.ndarray  # (2, degree + 3)
+
+
+@njit(nogil=True, inline="always")
+def unpack_law(integers, numbers):
+    """Return the law that `pack` put into two arrays; nothing is copied."""
+    n_channels, n_rows, horizon, method = integers[0], integers[1], integers[2], integers[3]
+    policy, degree, n_regimes, reach = integers[4], integers[5], integers[6], integers[7]
+    keeps_rest, n_equations, n_terms, n_factors = integers[8], integers[9], integers[10], integers[11]
+    n_elements, width = integers[12], integers[13]
+    a = HEADER
+    b = a + n_equations + 1
+    c = b + 4 * n_equations
+    d = c + n_terms + 1
+    e = d + n_factors
+    program = Program(
+        integers[a:b],
+        integers[b:c].reshape(n_equations, 4),
+        integers[c:d],
+        integers[d:e],
+        numbers[NUMBERS : NUMBERS + n_terms],
+    )
+    return Law(
+        n_channels,
+        n_rows,
+        horizon,
+        method,
+        policy,
+        degree,
+        n_regimes,
+        reach,
+        keeps_rest,
+        numbers[0],
+        numbers[1],
+        numbers[2],
+        program,
+        integers[e : e + n_elements],
+        integers[e + n_elements : e + 2 * n_elements],
+        integers[e + 2 * n_elements : e + 3 * n_elements],
+        integers[e + 3 * n_elements : e + 4 * n_elements],
+        numbers[NUMBERS + n_terms : NUMBERS + n_terms + n_elements * width].reshape(n_elements, width),
+    )
+
+
+@njit(cache=True, nogil=True)
+def state_size(integers):
+    """Return the length of the packed state of a law."""
+    degree = integers[5]
+    n_elements = integers[12]
+    window = integers[0] * integers[1]
+    return window + (n_elements + 1) * STATE_SIZE + N_COUNTS + (degree + 1) ** 2 + 2 * (degree + 3)
+
+
+@njit(nogil=True, inline="always")
+def unpack_state(integers, state):
+    """Return the parts of a packed state; nothing is copied."""
+    degree, n_elements = integers[5], integers[12]
+    a = integers[0] * integers[1]
+    b = a + n_elements * STATE_SIZE
+    c = b + N_COUNTS
+    d = c + STATE_SIZE
+    e = d + (degree + 1) ** 2
+    return State(
+        state[:a],
+        state[a:b].reshape(n_elements, STATE_SIZE),
+        state[b:c],
+        state[c:d],
+        state[d:e].reshape(degree + 1, degree + 1),
+        state[e : e + 2 * (degree + 3)].reshape(2, degree + 3),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _bouc_wen_advance(h, change, parameters):
+    """Return h of (2.6) after the input has changed by ``change``."""
+    A, beta, gamma, n = parameters[0], parameters[1], parameters[2], parameters[3]
+    direction = sign(change)
+    remaining = 1.0
+    while remaining > 0.0:
+        share = remaining
+        while share > SHORTEST_SHARE and _is_too_long(h, share * change, A, beta, gamma, n):
+            share *= 0.5
+        h = _bouc_wen_step(h, direction, share * change, A, beta, gamma, n)
+        remaining -= share
+    return h
+
+
+@njit(cache=True, nogil=True)
+def element_value(kind, parameters, now, previous, state):
+    """Return an element (a phi regressor, or Bouc-Wen hysteresis) at one sample; ``state`` is written."""
+    if kind == BOUC_WEN:
+        state[0] = _bouc_wen_advance(state[0], now - previous, parameters)
+        return state[0]
+    return phi_value(kind, parameters, now, previous, state)
+
+
+@njit(nogil=True, inline="always")
+def _set_elements(law, state, row, of_input):
+    """Advance the elements of the input, or of the known signals, to the window's row ``row``."""
+    base = row * law.n_channels
+    for p in range(law.kinds.size):
+        if law.of_input[p] == of_input:
+            now = state.window[base + law.sources[p]]
+            previous = state.window[base - law.n_channels + law.sources[p]]
+            state.window[base + law.channels[p]] = element_value(
+                law.kinds[p], law.parameters[p], now, previous, state.elements[p]
+            )
+
+
+@njit(cache=True, nogil=True)
+def _residual(law, state, m):
+    """Return what the model gives for the input ``m`` less the reference; element states stay."""
+    row = law.n_rows - 1 - law.horizon
+    base = row * law.n_channels
+    state.window[base] = m
+    for p in range(law.kinds.size):
+        if law.of_input[p] == 1:
+            state.trial[:] = state.elements[p]
+            previous = state.window[base - law.n_channels + law.sources[p]]
+            state.window[base + law.channels[p]] = element_value(
+                law.kinds[p], law.parameters[p], m, previous, state.trial
+            )
+    return right_hand_side(state.window, (law.n_rows - 1) * law.n_channels, law.program, 0)
+
+
+@njit(cache=True, nogil=True)
+def _bisect(law, state, a, b, value_a):
+    """Return the input in [a, b] at which the residual changes sign (regula falsi of Illinois, bisection)."""
+    value_b = _residual(law, state, b)
+    for i in range(200):
+        m = b - value_b * (b - a) / (value_b - value_a) if i % 3 else 0.5 * (a + b)
+        if not min(a, b) < m < max(a, b):
+            m = 0.5 * (a + b)
+        if m in (a, b) or abs(b - a) <= 1e-15 * (abs(a) + abs(b)):
+            return m
+        value = _residual(law, state, m)
+        if value == 0.0:
+            return m
+        if (value > 0.0) == (value_a > 0.0):
+            a, value_a = m, value
+        else:
+            b, value_b = m, value
+    return b
+
+
+@njit(cache=True, nogil=True)
+def _search(law, state, previous):
+    """Return the input nearest to the last one at which the residual is zero, and whether there is one.
+
+    Steps go outwards on both sides and grow, so a pair of roots closer than a third of their distance from
+    the last input may be overlooked. Where there is none, the input of the least residual met is returned.
+    """
+    span = law.high - law.low
+    inside = min(max(previous, law.low), law.high)
+    at_rest = _residual(law, state, inside)
+    if at_rest == 0.0:
+        return inside, True
+    best, least = inside, abs(at_rest)
+    step = FIRST_STEP * span
+    below, above = inside, inside
+    value_below, value_above = at_rest, at_rest
+    while below > law.low or above < law.high:
+        if above < law.high:
+            m = min(inside + step, law.high)
+            value = _residual(law, state, m)
+            if (value > 0.0) != (value_above > 0.0) or value == 0.0:
+                return _bisect(law, state, above, m, value_above), True
+            above, value_above = m, value
+            if abs(value) < least:
+                best, least = m, abs(value)
+        if below > law.low:
+            m = max(inside - step, law.low)
+            value = _residual(law, state, m)
+            if (value > 0.0) != (value_below > 0.0) or value == 0.0:
+                return _bisect(law, state, below, m, value_below), True
+            below, value_below = m, value
+            if abs(value) < least:
+                best, least = m, abs(value)
+        step *= GROWTH
+    return best, False
+
+
+@njit(nogil=True, inline="always")
+def _coefficients(window, base, program, first, degree, flip, c):
+    """Write the coefficients in the move, times ``flip`` for each power; return the highest that is not 0."""
+    highest = 0
+    factor = 1.0
+    for power in range(degree + 1):
+        c[power] = factor * right_hand_side(window, base, program, first + power)
+        if c[power] != 0.0:
+            highest = power
+        factor *= flip
+    return highest
+
+
+@njit(cache=True, nogil=True)
+def _move_one_way(c, degree, start, end, wants_best, chain, work):
+    """Return the shortest admissible move that is a root, NaN if none; and the best move and its residual."""
+    if not np.isfinite(end):
+        end = root_bound(c, degree)
+    root = first_root(c, degree, start, end, chain, work)
+    if root == root or not wants_best or end < start:
+        return root, 0.0, np.inf
+    best, size = smallest_value(c, degree, start, end, chain, work)
+    return np.nan, best, size
+
+
+@njit(cache=True, nogil=True)
+def _nearest_root(law, state, previous):
+    """Return the input of Definition 4.1 or 4.2, and whether a root was admissible.
+
+    Moves down are found as moves up of the mirrored polynomial.
+    """
+    base = (law.n_rows - 1) * law.n_channels
+    c = state.chain[law.degree]  # derivatives fill the rows before it
+    m, found, shortest, least = previous, False, np.inf, np.inf
+    for side in range(2):  # loading, unloading
+        flip = 1.0 - 2.0 * side
+        first = side * (law.n_regimes - 1) * (law.degree + 1)
+        n = _coefficients(state.window, base, law.program, first, law.degree, flip, c)
+        if law.n_regimes == 1 and c[0] == 0.0 and law.low <= previous <= law.high:
+            return previous, True
+        low, high = (law.low - previous, law.high - previous) if side == 0 else (
+            previous - law.high, previous - law.low
+        )  # fmt: skip
+        # a move down that is longer than the move up would not be taken
+        move, best, size = _move_one_way(
+            c, n, max(low, 0.0), min(high, shortest), law.policy == NEAREST, state.chain, state.work
+        )
+        if move == move and (move < shortest or not found):
+            m, found, shortest = previous + flip * move, True, move
+        elif not found and size < least:
+            m, least = previous + flip * best, size
+    return m, found
+
+
+@njit(nogil=True, inline="always")
+def _is_at_rest(law, window):
+    """Tell whether the reference has not moved over all rows that the law reads."""
+    last = (law.n_rows - 1) * law.n_channels + 1
+    moves = 0.0
+    for row in range(1, law.reach + 1):
+        moves += abs(window[last - row * law.n_channels] - window[last])
+    return moves == 0.0
+
+
+@njit(cache=True, nogil=True)
+def advance(integers, numbers, packed_state, known):
+    """Take the newest row of known signals (reference first), return the input m[k].
+
+    ``packed_state`` is written; law and state are those of `unpack_law` and `unpack_state`.
+    """
+    law = unpack_law(integers, numbers)
+    state = unpack_state(integers, packed_state)
+    nc, window = law.n_channels, state.window
+    size = law.n_rows * nc
+    for i in range(size - nc):
+        window[i] = window[i + nc]
+    for i in range(known.size):
+        window[size - nc + 1 + i] = known[i]
+    _set_elements(law, state, law.n_rows - 1, 0)
+    row = law.n_rows - 1 - law.horizon
+    previous = window[(row - 1) * nc]
+    state.counts[SAMPLES] += 1.0
+    if law.keeps_rest == 1 and _is_at_rest(law, window):
+        m = previous
+    elif law.method == EXPLICIT:
+        m = right_hand_side(window, size - nc, law.program, 0)
+    else:
+        m, found = (
+            _nearest_root(law, state, previous) if law.method == ROOTS else _search(law, state, previous)
+        )
+        if not found:
+            state.counts[NO_SOLUTION] += 1.0
+            if law.policy == HOLD:
+                m = previous
+    if not np.isfinite(m):
+        state.counts[NO_SOLUTION] += 1.0
+        m = previous
+    limited = min(max(m, law.low), law.high)
+    if limited != m:
+        state.counts[AT_LIMIT] += 1.0
+    m = min(max(limited, previous - law.max_step), previous + law.max_step)
+    if m != limited:
+        state.counts[AT_RATE] += 1.0
+    window[row * nc] = m
+    _set_elements(law, state, row, 1)
+    return m
+
+
+@njit(cache=True, nogil=True)
+def run(integers, numbers, state, known, m):
+    """Compute a whole reference: row i of ``known``, shape (n_samples, n_known), gives ``m[i]``."""
+    for i in range(m.size):
+        m[i] = advance(integers, numbers, state, known[i])
+
+
+@njit(cache=True, nogil=True)
+def settle(integers, numbers, state, known, inputs):
+    """Move the window over past rows of known signals and inputs, so that elements know their history.
+
+    ``inputs[i]`` is the input ``horizon`` samples before row i, NaN where it is still to be found.
+    """
+    law = unpack_law(integers, numbers)
+    parts = unpack_state(integers, state)
+    nc, size = law.n_channels, law.n_rows * law.n_channels
+    row = law.n_rows - 1 - law.horizon
+    for k in range(inputs.size):
+        for i in range(size - nc):
+            parts.window[i] = parts.window[i + nc]
+        for i in range(known.shape[1]):
+            parts.window[size - nc + 1 + i] = known[k, i]
+        _set_elements(law, parts, law.n_rows - 1, 0)
+        parts.window[row * nc] = inputs[k]
+        _set_elements(law, parts, row, 1)
+
+
+@njit(cache=True, nogil=True)
+def slopes_along(integers, numbers, unlimited, state, known, step, every, slopes):
+    """Write the derivatives of m[k] with respect to the past inputs, row by row of a run.
+
+    Past inputs are moved by ``step`` to both sides and elements follow: those without memory wherever they
+    read it, those with memory along a move on from the last input. ``slopes`` has one row for each
+    ``every``-th sample and one column for each past input, newest first. The derivatives are those of the
+    law with the numbers ``unlimited``, along the run of the law with its limits.
+    """
+    law = unpack_law(integers, numbers)
+    parts = unpack_state(integers, state)
+    spare = state.copy()
+    n_past = slopes.shape[1]
+    for k in range(known.shape[0]):
+        row = k // every if k % every == 0 else slopes.shape[0]
+        spare[:] = state
+        # two trials for each past input, then the sample itself: one call, which the compiler pastes in once
+        for trial in range(2 * n_past + 1 if row < slopes.shape[0] else 1):
+            j = trial // 2
+            side = step if trial % 2 == 0 else -step
+            state[:] = spare
+            if row < slopes.shape[0] and j < n_past:
+                _move_past_input(law, parts, j, side)
+            counts = row < slopes.shape[0] and j < n_past
+            m = advance(integers, unlimited if counts else numbers, state, known[k])
+            if row < slopes.shape[0] and j < n_past:
+                before = slopes[row, j] if trial % 2 else 0.0
+                slopes[row, j] = before + m / (2.0 * side)
+
+
+@njit(cache=True, nogil=True)
+def _move_past_input(law, state, j, step):
+    """Change the input ``j`` rows before the last one by ``step``, before the window moves on."""
+    nc, window = law.n_channels, state.window
+    row = law.n_rows - 1 - law.horizon
+    at = (row - j) * nc
+    before = window[at]
+    window[at] += step
+    for p in range(law.kinds.size):
+        if law.of_input[p] == 0:
+            continue
+        if law.kinds[p] > LAST_WITHOUT_MEMORY:
+            if j == 0:
+                window[at + law.channels[p]] = element_value(
+                    law.kinds[p], law.parameters[p], window[at], before, state.elements[p]
+                )
+            continue
+        for here in (at, at + nc):
+            if nc <= here <= row * nc:
+                window[here + law.channels[p]] = element_value(
+                    law.kinds[p], law.parameters[p], window[here], window[here - nc], state.trial
+                )

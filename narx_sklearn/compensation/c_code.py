@@ -1,0 +1,312 @@
+"""A compensation law as C: one self-contained program part for a controller."""
+
+import re
+
+import numpy as np
+
+from narx_sklearn.compensation import _c_runtime as runtime
+from narx_sklearn.compensation import _kernels as kernels
+from narx_sklearn.compensation import _polynomial_roots as roots
+from narx_sklearn.compensation.law import INPUT, CompensationLaw
+from narx_sklearn.model.kernels import (
+    ABSOLUTE_DIFFERENCE,
+    ASYMMETRIC_SIGN,
+    DIFFERENCE,
+    DIFFERENCE_SIGN,
+    HYSTERETIC,
+    PLAY,
+    SMOOTH_SIGN,
+    STATE_SIZE,
+)
+from narx_sklearn.model.polynomials import Polynomial
+from narx_sklearn.physics.boucwen import LONGEST_STEP, SHORTEST_SHARE
+
+__all__ = ["c_source"]
+
+
+def c_source(law: CompensationLaw, name: str = "compensator") -> str:
+    """Return C99 source of a law: ``<name>_state``, ``<name>_reset`` and ``<name>_step``.
+
+    The program part allocates nothing, needs ``math.h`` only, and computes the numbers of `LawState.step`:
+    the same operations on double precision, in the same order but for sums of terms. The longest time of
+    one step is that of one pass through its straight code; where roots are sought or searched, the
+    iterations are bounded.
+
+    Parameters
+    ----------
+    law : CompensationLaw
+        The law.
+    name : str, default="compensator"
+        Prefix of all names; a C identifier.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If ``name`` is no identifier.
+
+    Examples
+    --------
+    >>> from narx_sklearn.compensation import CompensationLaw, c_source
+    >>> from narx_sklearn.model import Polynomial
+    >>> law = CompensationLaw("explicit", (Polynomial.parse("2*r[k+1] - r[k]"),))
+    >>> "2.0*R(0) - R(1)" in c_source(law)
+    True
+    """
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        raise ValueError(f"name={name!r} is no C identifier; use letters, digits and '_'.")
+    writer = _Writer(law)
+    parts = [writer.header(), writer.functions(), writer.elements(), writer.solver(), writer.step()]
+    return "\n".join(part for part in parts if part).replace("NAME", name)
+
+
+class _Writer:
+    """Puts a law's own parts into C."""
+
+    def __init__(self, law: CompensationLaw):
+        self.law = law
+        self.rows = law._back + 1
+        self.present = self.rows - 1 - law.horizon
+        self.macro = {signal: _macro(signal) for signal in law.channels}
+
+    def header(self) -> str:
+        law = self.law
+        text = "\n".join(f" * {line}" for line in str(law).splitlines())
+        limits = [
+            f"#define NAME_{key} {_number(value)}"
+            for key, value in (("LOW", law.limits[0]), ("HIGH", law.limits[1]), ("RATE", law.rate_limit))
+        ]
+        names = [
+            f"#define {self.macro[signal]}(i) (s->w[{self.rows - 1} - (i)][{channel}])"
+            for channel, signal in enumerate(law.channels)
+        ]
+        width = STATE_SIZE if any(e.kind == HYSTERETIC for e in law.elements) else 1
+        return (
+            f"/* Compensation law. The newest row (0) is k + {law.horizon}, the input wanted is m[k].\n"
+            f"{text}\n */\n#include <math.h>\n\n"
+            f"#define NAME_ROWS {self.rows}\n#define NAME_CHANNELS {len(law.channels)}\n"
+            f"#define NAME_DEGREE {max(law.degree, 1)}\n#define NAME_STATE {width}\n"
+            f"#define NAME_NEAREST {int(law.policy == 'nearest')}\n" + "\n".join(limits + names) + "\n\n"
+            "typedef struct {\n"
+            "    double w[NAME_ROWS][NAME_CHANNELS]; /* rows of signals, oldest first */\n"
+            f"    double z[{max(len(law.elements), 1)}][NAME_STATE]; /* memory of the elements */\n"
+            "    unsigned long samples, no_solution, at_limit, at_rate_limit;\n"
+            "} NAME_state;\n"
+        )
+
+    def functions(self) -> str:
+        kinds = {e.kind for e in self.law.elements}
+        constants = {
+            "GRAZE": roots.GRAZE,
+            "TIGHT": roots.TIGHT,
+            "WIDEST": roots.WIDEST,
+            "LONGEST_STEP": LONGEST_STEP,
+            "SHORTEST_SHARE": SHORTEST_SHARE,
+        }
+        chosen = [
+            (runtime.SIGN, kinds & {DIFFERENCE_SIGN, kernels.BOUC_WEN}),
+            (runtime.PLAY, PLAY in kinds),
+            (runtime.HYSTERETIC, HYSTERETIC in kinds),
+            (runtime.BOUC_WEN, kernels.BOUC_WEN in kinds),
+            (runtime.ROOTS, self.law.method == "roots"),
+        ]
+        return _fill("\n".join(text for text, wanted in chosen if wanted), constants)
+
+    def _value(self, index: int, now: str, before: str, state: str) -> str:
+        element = self.law.elements[index]
+        p = [_number(value) for value in element.kernel_parameters]
+        difference = f"({now} - {before})"
+        if element.kind == DIFFERENCE:
+            return difference
+        if element.kind == DIFFERENCE_SIGN:
+            return f"NAME_sign{difference}"
+        if element.kind == ABSOLUTE_DIFFERENCE:
+            return f"fabs{difference}"
+        if element.kind == SMOOTH_SIGN:
+            return f"tanh({difference} / {p[0]})"
+        if element.kind == ASYMMETRIC_SIGN:
+            split = 1 + int(element.kernel_parameters[0])
+            rising, falling = (_horner(part, now) for part in (p[1:split], p[split:]))
+            return f"({difference} > 0.0 ? {rising} : {difference} < 0.0 ? {falling} : 0.0)"
+        if element.kind == PLAY:
+            return f"({state}[0] = NAME_play({state}[0], {now}, {p[0]}))"
+        if element.kind == HYSTERETIC:
+            return f"NAME_hysteretic({state}, {now})"
+        return f"({state}[0] = NAME_bouc_wen({state}[0], {difference}, NAME_p{index}))"
+
+    def _set(self, of_input: bool, back: int, indent: str = "    ", state: str = "s->z[{p}]") -> list[str]:
+        lines = []
+        for p, element in enumerate(self.law.elements):
+            if (element.signal == INPUT) == of_input:
+                source, target = self.macro[element.signal], self.macro[str(element.name)]
+                value = self._value(p, f"{source}({back})", f"{source}({back + 1})", state.format(p=p))
+                lines.append(f"{indent}{target}({back}) = {value};")
+        return lines
+
+    def elements(self) -> str:
+        arrays = [
+            f"static const double NAME_p{i}[] = {{{', '.join(map(_number, e.kernel_parameters))}}};"
+            for i, e in enumerate(self.law.elements)
+            if e.kind == kernels.BOUC_WEN
+        ]
+        return "\n".join(arrays) + "\n" if arrays else ""
+
+    def expression(self, equation: Polynomial) -> str:
+        """Return a polynomial as an expression of the window's macros."""
+        h = self.law.horizon
+        parts = []
+        for term, value in equation.items:
+            factors = [f"{self.macro[v.signal]}({v.lag + h})" for v in term.expanded]
+            size = _number(abs(value))
+            body = "*".join(factors if size == "1.0" and factors else [size, *factors])
+            sign = "-" if value < 0 else "+"
+            parts.append(f"{sign} {body}" if parts else f"-{body}" if value < 0 else body)
+        return " ".join(parts) or "0.0"
+
+    def solver(self) -> str:
+        law = self.law
+        if law.method == "explicit":
+            return (
+                "static double NAME_solve(NAME_state *s, double previous, int *found)\n{\n"
+                "    (void)previous;\n    *found = 1;\n"
+                f"    return {self.expression(law.equations[0])};\n}}\n"
+            )
+        if law.method == "search":
+            at = law.horizon
+            memory = any(e.has_memory for e in law.elements if e.signal == INPUT)
+            lines = ["static double NAME_residual(NAME_state *s, double m)", "{"]
+            lines += ["    double z[NAME_STATE];", "    int i;"] if memory else []
+            lines.append(f"    {self.macro[INPUT]}({at}) = m;")
+            for p, element in enumerate(law.elements):
+                if element.signal == INPUT:
+                    if element.has_memory:
+                        lines.append(f"    for (i = 0; i < NAME_STATE; i++) z[i] = s->z[{p}][i];")
+                    target = self.macro[str(element.name)]
+                    source = self.macro[INPUT]
+                    value = self._value(p, f"{source}({at})", f"{source}({at + 1})", "z")
+                    lines.append(f"    {target}({at}) = {value};")
+            lines += [f"    return {self.expression(law.equations[0])};", "}", ""]
+            constants = {"FIRST_STEP": kernels.FIRST_STEP, "GROWTH": kernels.GROWTH}
+            return "\n".join(lines) + "\n" + _fill(runtime.SEARCH, constants)
+        return self._root_solver()
+
+    def _root_solver(self) -> str:
+        law = self.law
+        n = law.degree + 1
+        lines = ["static double NAME_solve(NAME_state *s, double previous, int *found)", "{"]
+        lines.append("    double up, down, best_up, best_down, size_up, size_down, c[NAME_DEGREE + 1];")
+        lines += ["    int n;", "    *found = 1;"]
+        lines += [f"    c[{i}] = {self.expression(law.equations[i])};" for i in range(n)]
+        if law.n_regimes == 1:
+            lines.append(
+                "    if (c[0] == 0.0 && NAME_LOW <= previous && previous <= NAME_HIGH) return previous;"
+            )
+        lines.append(f"    n = {law.degree};")
+        lines.append("    while (n > 0 && c[n] == 0.0) n--;")
+        lines.append(
+            "    down = fmax(NAME_LOW - previous, 0.0);\n"
+            "    up = NAME_move(c, n, down, NAME_HIGH - previous, &best_up, &size_up);"
+        )
+        for i in range(n):
+            text = self.expression(law.equations[(law.n_regimes - 1) * n + i])
+            lines.append(f"    c[{i}] = {'-(' + text + ')' if i % 2 else text};")
+        lines.append(f"    n = {law.degree};")
+        lines += [
+            "    while (n > 0 && c[n] == 0.0) n--;",
+            "    down = previous - NAME_LOW;",
+            "    if (up < down) down = up;",
+            "    down = NAME_move(c, n, fmax(previous - NAME_HIGH, 0.0), down, &best_down, &size_down);",
+            "    if (!isnan(up) && !(down < up)) return previous + up;",
+            "    if (!isnan(down)) return previous - down;",
+            "    *found = 0;",
+            "    if (size_up < size_down) return previous + best_up;",
+            "    return isinf(size_down) ? previous : previous - best_down;",
+            "}",
+            "",
+        ]
+        return "\n".join(lines)
+
+    def step(self) -> str:
+        law, h = self.law, self.law.horizon
+        m = self.macro[INPUT]
+        n_known = len(law.known)
+        rest = ""
+        if law.keeps_rest:
+            r = self.macro[law.known[0]]
+            same = " && ".join(f"{r}({i}) == {r}(0)" for i in range(1, law._reference_reach + 1))
+            rest = f"    if ({same}) m = previous;\n    else\n"
+        arguments = ", ".join(f"double known{i}" for i in range(n_known))
+        lines = [
+            f"/* The newest known signals ({', '.join(law.known)}, at k + {h}), return the input m[k]. */",
+            f"double NAME_step(NAME_state *s, {arguments})",
+            "{",
+            "    double m, limited, previous;",
+            "    int i, j, found = 1;",
+            "    for (i = 0; i < NAME_ROWS - 1; i++)",
+            "        for (j = 0; j < NAME_CHANNELS; j++) s->w[i][j] = s->w[i + 1][j];",
+            *(f"    {self.macro[s]}(0) = known{i};" for i, s in enumerate(law.known)),
+            *self._set(False, 0),
+            f"    previous = {m}({h + 1});",
+            "    s->samples++;",
+            f"{rest}    m = NAME_solve(s, previous, &found);",
+            "    if (!found) { s->no_solution++; if (!NAME_NEAREST) m = previous; }",
+            "    if (!isfinite(m)) { s->no_solution++; m = previous; }",
+            "    limited = fmin(fmax(m, NAME_LOW), NAME_HIGH);",
+            "    if (limited != m) s->at_limit++;",
+            "    m = fmin(fmax(limited, previous - NAME_RATE), previous + NAME_RATE);",
+            "    if (m != limited) s->at_rate_limit++;",
+            f"    {m}({h}) = m;",
+            *self._set(True, h),
+            "    return m;",
+            "}",
+            "",
+            "/* Rest: input and known signals have been held at these values. */",
+            f"void NAME_reset(NAME_state *s, double m, {arguments})",
+            "{",
+            "    int i, j;",
+            "    for (i = 0; i < NAME_ROWS; i++) {",
+            "        for (j = 0; j < NAME_CHANNELS; j++) s->w[i][j] = 0.0;",
+            "        s->w[i][0] = m;",
+            *(f"        s->w[i][{1 + i}] = known{i};" for i in range(n_known)),
+            "    }",
+            f"    for (i = 0; i < {max(len(law.elements), 1)}; i++)",
+            "        for (j = 0; j < NAME_STATE; j++) s->z[i][j] = 0.0;",
+        ]
+        for p, element in enumerate(law.elements):
+            initial = law.initial_states.get(str(element.name))
+            if initial is not None:
+                lines.append(f"    s->z[{p}][0] = {_number(initial)};")
+            source, target = self.macro[element.signal], self.macro[str(element.name)]
+            value = self._value(p, f"{source}(0)", f"{source}(0)", f"s->z[{p}]")
+            lines.append(f"    {target}(0) = {value};")
+            lines.append(f"    for (i = 1; i < NAME_ROWS; i++) {target}(i) = {target}(0);")
+        lines += ["    s->samples = s->no_solution = s->at_limit = s->at_rate_limit = 0;", "}", ""]
+        lines += [f"#undef {macro}" for macro in self.macro.values()]
+        return "\n".join(lines) + "\n"
+
+
+def _macro(signal: str) -> str:
+    return {"m": "M", "r": "R"}.get(signal, f"S_{signal}")
+
+
+def _number(value) -> str:
+    """Return a number in C with all its digits."""
+    if np.isinf(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    return repr(float(value))
+
+
+def _horner(coefficients: list[str], x: str) -> str:
+    text = coefficients[-1]
+    for c in coefficients[-2::-1]:
+        text = f"({text}) * {x} + {c}"
+    return f"({text})"
+
+
+def _fill(text: str, constants: dict[str, float]) -> str:
+    for key, value in constants.items():
+        text = re.sub(rf"\b{key}\b", _number(value), text)
+    return text

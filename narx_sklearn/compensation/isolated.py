@@ -1,0 +1,86 @@
+"""IsolatedCompensator: the input in closed form (thesis section 4.5)."""
+
+from narx_sklearn.compensation._base import Compensator
+from narx_sklearn.compensation._defaults import isolable_regressor
+from narx_sklearn.compensation.derive import isolated_law, smooth_signs
+
+__all__ = ["IsolatedCompensator"]
+
+
+class IsolatedCompensator(Compensator):
+    r"""Compensate with the input isolated from the model's equation.
+
+    Where the newest input occurs in one linear term, :math:`b\,u_{k-\tau_d}`, the model gives
+
+    .. math:: m_k = \tfrac{1}{b} \left[ A(q) r_{k+\tau_d} - B^*(q) m_{k+\tau_d} - f(\cdot) \right]
+
+    in closed form: one expression, always one solution. The price is a model that answers to all else one
+    sample later, and a recursion in the input that may amplify its errors, of which `fit` warns.
+
+    Parameters
+    ----------
+    model : NARXModel, estimator or None, default=None
+        A model that is known; or an estimator with ``model_`` after fit, with ``structure="isolable"``; None
+        takes a hysteretic model of third degree with this structure.
+    limits : (float, float) or None, default=None
+        Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
+        beyond which nothing is known; no limits where a model is given.
+    rate_limit : float or None, default=None
+        Largest change of the input in one sample.
+    keep_rest : bool, default=True
+        Keep the input while the reference does not move, if the model can rest anywhere.
+    smooth_width : float or None, default=None
+        Replace signs of differences by ``tanh(difference / smooth_width)``, in the unit of the input.
+    input_name : str or None, default=None
+        The input to compensate with; None is the first.
+
+    Attributes
+    ----------
+    model_ : NARXModel
+        The model.
+    law_ : CompensationLaw
+        The law (4.23); ``law_.horizon`` is the delay of the model.
+    n_features_in_ : int
+        Number of inputs in the record, if there was one.
+
+    See Also
+    --------
+    RootCompensator : For models of any structure.
+    law_stability : Whether the recursion amplifies errors.
+
+    References
+    ----------
+    Lacerda Junior (2021), section 4.5, Assumptions 4.3 and 4.4, eq. (4.23).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.compensation import IsolatedCompensator
+    >>> from narx_sklearn.model import NARXModel
+    >>> model = NARXModel.from_equations("0.8*y[k-1] + 2*u[k-1] - 0.5*u[k-2]*y[k-1]")
+    >>> compensator = IsolatedCompensator(model).fit()
+    >>> compensator.predict([0.0, 1.0, 1.0]).round(9).tolist()
+    [0.5, 0.225, 0.15625]
+    """
+
+    def __init__(
+        self,
+        model=None,
+        *,
+        limits=None,
+        rate_limit=None,
+        keep_rest=True,
+        smooth_width=None,
+        input_name=None,
+    ):
+        self.model = model
+        self.limits = limits
+        self.rate_limit = rate_limit
+        self.keep_rest = keep_rest
+        self.smooth_width = smooth_width
+        self.input_name = input_name
+
+    _default_regressor = staticmethod(isolable_regressor)
+
+    def _derive(self, model):
+        return isolated_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)

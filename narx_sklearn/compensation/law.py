@@ -1,0 +1,410 @@
+"""Compensation laws as values: equations and elements over the reference r and the input m, and their run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from narx_sklearn.compensation import _kernels as kernels
+from narx_sklearn.model.kernels import STATE_SIZE, Program
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.model.polynomials import Polynomial
+from narx_sklearn.model.terms import Variable
+
+__all__ = ["BoucWenElement", "CompensationLaw", "LawState"]
+
+INPUT, REFERENCE, MOVE = "m", "r", "d"  # the thesis's letters, and the move m[k] - m[k-1]
+METHODS = {"explicit": kernels.EXPLICIT, "roots": kernels.ROOTS, "search": kernels.SEARCH}
+POLICIES = {"hold": kernels.HOLD, "nearest": kernels.NEAREST}
+
+
+@dataclass(frozen=True)
+class BoucWenElement:
+    """Bouc-Wen hysteresis of a signal as an element of a law (2.6).
+
+    Parameters
+    ----------
+    signal : str
+        What it is a function of.
+    A, beta, gamma, n : float
+        As in `narx_sklearn.physics.bouc_wen`.
+    name : str, default="h"
+        Its name in the law.
+    """
+
+    signal: str
+    A: float
+    beta: float
+    gamma: float
+    n: float = 1.0
+    name: str = "h"
+    kind = kernels.BOUC_WEN
+    reach = 1
+    has_memory = True
+
+    @property
+    def kernel_parameters(self) -> np.ndarray:
+        """Numbers the kernel takes."""
+        return np.array([self.A, self.beta, self.gamma, self.n])
+
+    def describe(self) -> str:
+        """Return the definition as text."""
+        return (
+            f"Bouc-Wen hysteresis of {self.signal}: A={self.A:g}, beta={self.beta:g}, "
+            f"gamma={self.gamma:g}, n={self.n:g}"
+        )
+
+
+@dataclass(frozen=True)
+class CompensationLaw:
+    """A law that gives the input m[k] from the reference r and past inputs.
+
+    Parameters
+    ----------
+    method : {"explicit", "roots", "search"}
+        ``m[k] = equations[0]``; or m[k] is the last input plus a root of a polynomial, one polynomial a
+        regime; or m[k] is a zero of ``equations[0]``, found by search.
+    equations : tuple of Polynomial
+        In ``m[k-1]``, ``r[k+1]``, ... and elements; with ``"roots"``, for each regime the coefficients of the
+        powers 0, 1, ... of the move ``m[k] - m[k-1]``.
+    elements : tuple of Phi or BoucWenElement, default=()
+        Named functions of m, r and other known signals that the equations use.
+    others : tuple of str, default=()
+        Known signals besides the reference.
+    n_regimes : int, default=1
+        2 where loading and unloading have polynomials of their own (4.13)-(4.14).
+    keeps_rest : bool, default=False
+        Hold the input while the reference does not move.
+    limits : (float, float), default=(-inf, inf)
+        Range of the input, in its unit.
+    rate_limit : float, default=inf
+        Largest change of the input in one sample.
+    policy : {"hold", "nearest"}, default="hold"
+        Input where no admissible one satisfies the law: the last, or the one that comes nearest.
+    initial_states : mapping of {str: float}, optional
+        First number of the state of elements that do not start from zero.
+
+    See Also
+    --------
+    RootCompensator, IsolatedCompensator, InverseCompensator : Derive laws from models and data.
+
+    Examples
+    --------
+    >>> from narx_sklearn.compensation import CompensationLaw
+    >>> from narx_sklearn.model import Polynomial
+    >>> law = CompensationLaw("explicit", (Polynomial.parse("2*r[k+1] - r[k]"),))
+    >>> print(law)
+    m[k] = 2*r[k+1] - r[k]
+    >>> law.run([0.0, 1.0, 1.0]).m.tolist()
+    [2.0, 1.0, 1.0]
+    """
+
+    method: str
+    equations: tuple[Polynomial, ...]
+    elements: tuple[Phi | BoucWenElement, ...] = ()
+    others: tuple[str, ...] = ()
+    n_regimes: int = 1
+    keeps_rest: bool = False
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    rate_limit: float = np.inf
+    policy: str = "hold"
+    initial_states: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of the known signals: the reference, then the others."""
+        return (REFERENCE, *self.others)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of all signals in the window."""
+        return (INPUT, *self.known, *(str(e.name) for e in self.elements))
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """All lagged variables the equations read."""
+        found = {v for equation in self.equations for v in equation.variables}
+        return tuple(sorted(found, key=lambda v: v.order))
+
+    @property
+    def degree(self) -> int:
+        """Degree in the unknown move; 0 where there is no polynomial to solve."""
+        return len(self.equations) // self.n_regimes - 1 if self.method == "roots" else 0
+
+    @cached_property
+    def horizon(self) -> int:
+        """Samples that the reference must be known ahead."""
+        of_input = self._elements_of_input
+        ahead = (-v.lag for v in self.variables if v.signal != INPUT and v.signal not in of_input)
+        return max(max(ahead, default=0), 0)
+
+    @property
+    def _elements_of_input(self) -> frozenset[str]:
+        return frozenset(str(e.name) for e in self.elements if e.signal == INPUT)
+
+    @cached_property
+    def _back(self) -> int:
+        """Rows before the newest one that the equations or their elements read."""
+        reach = {str(e.name): e.reach if not e.has_memory else 1 for e in self.elements}
+        lags = (v.lag + reach.get(v.signal, 0) for v in self.variables)
+        return max(max(lags, default=0), 1) + self.horizon
+
+    @property
+    def n_past_inputs(self) -> int:
+        """Past inputs that the law reads, at least 1."""
+        return self._back - self.horizon
+
+    @cached_property
+    def packed(self) -> tuple[np.ndarray, np.ndarray]:
+        """The law as integers and numbers, the form its kernels take."""
+        program = _program(self.equations, self.channels, self.horizon)
+        channels = self.channels
+        n_elements = len(self.elements)
+        width = max((e.kernel_parameters.size for e in self.elements), default=1)
+        parameters = np.zeros((n_elements, width))
+        for row, element in zip(parameters, self.elements, strict=True):
+            row[: element.kernel_parameters.size] = element.kernel_parameters
+        header = np.zeros(kernels.HEADER, dtype=np.int64)
+        header[:14] = (
+            len(channels),
+            self._back + 1,
+            self.horizon,
+            METHODS[self.method],
+            POLICIES[self.policy],
+            self.degree,
+            self.n_regimes,
+            self._reference_reach,
+            self.keeps_rest,
+            program.equation_start.size - 1,
+            program.coefficients.size,
+            program.factor_step.size,
+            n_elements,
+            width,
+        )
+        integers = [
+            header,
+            program.equation_start,
+            program.group_start.reshape(-1),
+            program.factor_start,
+            program.factor_step,
+            np.array([e.kind for e in self.elements], dtype=np.int64),
+            np.array([channels.index(e.signal) for e in self.elements], dtype=np.int64),
+            np.array([channels.index(str(e.name)) for e in self.elements], dtype=np.int64),
+            np.array([e.signal == INPUT for e in self.elements], dtype=np.int64),
+        ]
+        limits = np.array([*self.limits, self.rate_limit], dtype=float)
+        return np.concatenate(integers), np.concatenate(
+            [limits, program.coefficients, parameters.reshape(-1)]
+        )
+
+    @property
+    def _reference_reach(self) -> int:
+        """Rows beyond the newest one in which the reference must rest for the law to rest."""
+        reach = {str(e.name): e.reach for e in self.elements if e.signal == REFERENCE} | {REFERENCE: 0}
+        lags = (v.lag + self.horizon + reach[v.signal] for v in self.variables if v.signal in reach)
+        return min(max(max(lags, default=0), 1), self._back)
+
+    def start(self, m: float = 0.0, known=0.0) -> "LawState":
+        """Return a state at rest.
+
+        Parameters
+        ----------
+        m : float, default=0.0
+            Input that has been held.
+        known : float or array-like of shape (n_known,), default=0.0
+            Reference (and other known signals) that have been held.
+
+        Returns
+        -------
+        LawState
+        """
+        return LawState(self, m, known)
+
+    def run(self, reference, *, m: float = 0.0) -> "LawRun":
+        """Compute the input along a whole reference, starting from rest.
+
+        The reference is held before its first sample, and after its last one, where the law looks ahead.
+
+        Parameters
+        ----------
+        reference : array-like of shape (n_samples,) or (n_samples, n_known)
+            Reference, and other known signals if the law has them.
+        m : float, default=0.0
+            Input held before the first sample.
+
+        Returns
+        -------
+        LawRun
+        """
+        known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(self.known)))
+        state = self.start(m, known[0])
+        h = self.horizon
+        ahead = known[np.minimum(np.arange(1, known.shape[0] + h), known.shape[0] - 1)]
+        if h == 0:
+            ahead = known
+        else:
+            state.settle(ahead[: h - 1], np.full(h - 1, m))
+            ahead = np.ascontiguousarray(ahead[h - 1 :])
+        inputs = np.empty(known.shape[0])
+        kernels.run(*self.packed, state.values, ahead, inputs)
+        return LawRun(inputs, state.counts)
+
+    def to_text(self, digits: int = 5) -> str:
+        """Return the law as equations, with the definitions of its elements."""
+        if self.method == "explicit":
+            lines = [f"{INPUT}[k] = {self.equations[0].to_text(digits)}"]
+        elif self.method == "search":
+            lines = [f"find {INPUT}[k]: 0 = {self.equations[0].to_text(digits)}"]
+        else:
+            lines = [f"{INPUT}[k] = {INPUT}[k-1] + {MOVE}, the root nearest to 0 of"]
+            names = ("loading, d > 0", "unloading, d < 0") if self.n_regimes == 2 else ("",)
+            for regime, name in enumerate(names):
+                lines += [f"  {name}:"] if name else []
+                first = regime * (self.degree + 1)
+                for power in range(self.degree, -1, -1):
+                    body = self.equations[first + power].to_text(digits)
+                    factor = f" {MOVE}^{power}" if power > 1 else f" {MOVE}" if power else ""
+                    lines.append(f"    {'+ ' if power < self.degree else ''}({body}){factor}")
+                lines.append("    = 0")
+        lines += [f"  {e.name}[k] = {e.describe()}" for e in self.elements]
+        if np.isfinite(self.limits).any():
+            lines.append(f"  {self.limits[0]:g} <= {INPUT}[k] <= {self.limits[1]:g}")
+        if np.isfinite(self.rate_limit):
+            lines.append(f"  |{INPUT}[k] - {INPUT}[k-1]| <= {self.rate_limit:g}")
+        if self.keeps_rest:
+            lines.append(f"  {INPUT}[k] = {INPUT}[k-1] while {REFERENCE} rests")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.to_text()
+
+
+@dataclass(frozen=True)
+class LawCounts:
+    """How often a law could not have its way.
+
+    Attributes
+    ----------
+    samples : int
+        Samples computed.
+    no_solution : int
+        Samples at which no admissible input satisfied the law (or it was not finite).
+    at_limit : int
+        Samples at which the input was cut at a limit of its range.
+    at_rate_limit : int
+        Samples at which its change was cut.
+    """
+
+    samples: int
+    no_solution: int
+    at_limit: int
+    at_rate_limit: int
+
+
+@dataclass(frozen=True)
+class LawRun:
+    """A law's input along a reference.
+
+    Attributes
+    ----------
+    m : ndarray of shape (n_samples,)
+        The input.
+    counts : LawCounts
+        How often it was held or cut.
+    """
+
+    m: np.ndarray
+    counts: LawCounts
+
+
+class LawState:
+    """The state of a law between samples, packed for its kernels.
+
+    Parameters
+    ----------
+    law : CompensationLaw
+        The law.
+    m : float
+        Input that has been held.
+    known : float or array-like of shape (n_known,)
+        Known signals that have been held.
+    """
+
+    def __init__(self, law: CompensationLaw, m: float, known):
+        self.law = law
+        self._integers, self._numbers = law.packed
+        self.values = np.zeros(kernels.state_size(self._integers))
+        known = np.broadcast_to(np.asarray(known, dtype=float), (len(law.known),))
+        parts = kernels.unpack_state(self._integers, self.values)
+        window = parts.window.reshape(-1, len(law.channels))
+        window[:, 0] = m
+        window[:, 1 : 1 + known.size] = known
+        for p, element in enumerate(law.elements):
+            level = window[0, law.channels.index(element.signal)]
+            initial = law.initial_states.get(str(element.name))
+            if initial is not None:
+                parts.elements[p, 0] = initial
+            value = kernels.element_value(
+                element.kind, element.kernel_parameters, level, level, parts.elements[p]
+            )
+            window[:, law.channels.index(str(element.name))] = value
+        self._known = np.empty(known.size)
+
+    def settle(self, known, inputs) -> None:
+        """Move over past rows: known signals up to now, and the inputs ``horizon`` samples before each."""
+        known = np.ascontiguousarray(np.asarray(known, dtype=float).reshape(-1, len(self.law.known)))
+        kernels.settle(
+            self._integers, self._numbers, self.values, known, np.ascontiguousarray(inputs, dtype=float)
+        )
+
+    def step(self, known) -> float:
+        """Take the newest known values, return the input."""
+        self._known[:] = known
+        return kernels.advance(self._integers, self._numbers, self.values, self._known)
+
+    @property
+    def counts(self) -> LawCounts:
+        """How often the law could not have its way so far."""
+        at = len(self.law.channels) * (self.law._back + 1) + len(self.law.elements) * STATE_SIZE
+        return LawCounts(*(int(c) for c in self.values[at : at + kernels.N_COUNTS]))
+
+    def copy(self) -> "LawState":
+        """Return an independent copy, to branch or to warm-start from."""
+        twin = LawState(self.law, 0.0, 0.0)
+        twin.values[:] = self.values
+        return twin
+
+
+def with_limits(law: CompensationLaw, limits, rate_limit, policy, keeps_rest) -> CompensationLaw:
+    """Return the law with other limits and manners."""
+    return replace(law, limits=limits, rate_limit=rate_limit, policy=policy, keeps_rest=keeps_rest)
+
+
+def _program(equations: Sequence[Polynomial], channels: Sequence[str], horizon: int) -> Program:
+    """Return polynomials as a program for `right_hand_side`, whose base is the row ``k + horizon``."""
+    position = {signal: i for i, signal in enumerate(channels)}
+    equation_start, group_start, factor_start, factor_step, coefficients = [0], [], [0], [], []
+    for equation in equations:
+        items = equation.items
+        sizes = np.array([_group(len(term.expanded)) for term, _ in items], dtype=np.int64)
+        order = np.argsort(sizes, kind="stable")
+        group_start.append(equation_start[-1] + np.searchsorted(sizes[order], np.arange(4)))
+        for t in order:
+            term, value = items[t]
+            factor_step += [position[v.signal] - (v.lag + horizon) * len(channels) for v in term.expanded]
+            factor_start.append(len(factor_step))
+            coefficients.append(value)
+        equation_start.append(len(coefficients))
+    return Program(
+        np.array(equation_start, dtype=np.int64),
+        np.array(group_start, dtype=np.int64).reshape(-1, 4),
+        np.array(factor_start, dtype=np.int64),
+        np.array(factor_step, dtype=np.int64),
+        np.array(coefficients, dtype=float),
+    )
+
+
+def _group(n_factors: int) -> int:
+    """Return the group of a term in `Program`: one factor, two, three, all others."""
+    return n_factors - 1 if 1 <= n_factors <= 3 else 3

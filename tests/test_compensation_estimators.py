@@ -1,0 +1,235 @@
+"""Compensators as estimators: identification, limits, on-line steps, scoring, physics, errors."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
+from thesis_models import M_I, M_INVERSE, M_R
+
+from narx_sklearn import NARXRegressor
+from narx_sklearn.compensation import (
+    AmplificationWarning,
+    BoucWenCompensator,
+    InverseCompensator,
+    IsolatedCompensator,
+    PrandtlIshlinskiiCompensator,
+    RootCompensator,
+    run_plant,
+    smooth_output,
+    tracking_error,
+    tracking_scorer,
+)
+from narx_sklearn.identification.isolable import isolable_structure
+from narx_sklearn.metrics import mape
+from narx_sklearn.model import Difference, DifferenceSign, NARXModel, SmoothSign, TermLibrary, free_run
+from narx_sklearn.physics import PIEZO_BENCH, BoucWen, BoucWenModel, PrandtlIshlinskiiOperator
+from narx_sklearn.signals import prfs
+
+SINE = 40.0 * np.sin(2.0 * np.pi * np.arange(2000) / 1000)
+PIEZO_INPUT = prfs(8000, 1.0, 1e-3, amplitudes=80.0, random_state=0)
+PIEZO_OUTPUT = PIEZO_BENCH.run(PIEZO_INPUT)
+PLANT = NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.2*u[k-1]^3")
+
+
+def recorded(n=600, seed=0):
+    u = np.random.default_rng(seed).uniform(-1, 1, n)
+    return u.reshape(-1, 1), free_run(PLANT, u, y_init=[0.0]).y[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("compensator", "worst"),
+    [
+        (RootCompensator(M_R), 0.30),
+        (IsolatedCompensator(M_I), 0.30),
+        (InverseCompensator(M_INVERSE), 0.80),
+        (PrandtlIshlinskiiCompensator(), 3.0),
+        (BoucWenCompensator(PIEZO_BENCH), 0.25),
+    ],
+)
+def test_the_piezo_bench_follows_a_sine_many_times_better_than_without(compensator, worst):
+    needs_data = compensator.model is None
+    compensator.fit(PIEZO_INPUT.reshape(-1, 1), PIEZO_OUTPUT) if needs_data else compensator.fit()
+    assert tracking_error(None, PIEZO_BENCH, SINE) > 6.0  # Table 5.3: 6.54
+    m = compensator.predict(SINE, m_init=0.0)
+    assert mape(SINE, PIEZO_BENCH.run(m)) < worst
+
+
+@pytest.mark.parametrize("compensator", [RootCompensator(), IsolatedCompensator(), InverseCompensator()])
+def test_the_defaults_identify_and_compensate_the_piezo_bench(compensator):
+    X = pd.DataFrame({"voltage [V]": PIEZO_INPUT})
+    y = pd.Series(PIEZO_OUTPUT, name="displacement [um]")
+    compensator.fit(X, y)
+    assert compensator.law_.keeps_rest
+    assert tracking_error(compensator, PIEZO_BENCH, SINE, m_init=0.0) < 2.0  # 6.3 without
+
+
+def test_an_identified_plant_is_inverted_exactly():
+    X, y = recorded()
+    r = 0.5 * np.sin(np.arange(300) / 15)
+    for compensator in (
+        RootCompensator(NARXRegressor(1, 1, degree=3)),
+        RootCompensator(NARXRegressor(1, 1, degree=3), policy="nearest"),
+    ):
+        compensator.fit(X, y)
+        assert compensator.model_.library.names == ["y[k-1]", "u[k-1]", "u[k-1]^3"]
+        tracked = free_run(PLANT, compensator.predict(r)).y[:, 0]
+        np.testing.assert_allclose(tracked[50:], r[50:], atol=1e-8)
+
+
+def test_steps_on_line_equal_the_prediction_and_start_warm():
+    compensator = RootCompensator(M_R).fit()
+    m = compensator.predict(SINE, m_init=0.0)
+    compensator.reset(SINE[0], m=0.0)
+    np.testing.assert_array_equal([compensator.step(r) for r in SINE[1:101]], m[:100])
+    assert compensator.counts.samples == 100
+    compensator.reset(SINE[:501], m=m[:500])
+    np.testing.assert_array_equal([compensator.step(r) for r in SINE[501:551]], m[500:550])
+
+
+def test_the_reference_is_held_after_its_end():
+    compensator = RootCompensator(M_R).fit()
+    longer = np.append(SINE[:300], SINE[299])
+    np.testing.assert_array_equal(compensator.predict(SINE[:300]), compensator.predict(longer)[:300])
+
+
+def test_without_a_continuum_the_first_input_holds_the_first_reference():
+    compensator = RootCompensator(PLANT).fit()
+    m = compensator.predict(np.full(5, 1.7))
+    np.testing.assert_allclose(m, m[0], atol=1e-9)
+    np.testing.assert_allclose(m[0] + 0.2 * m[0] ** 3, 0.4 * 1.7, atol=1e-8)
+
+
+def test_compensators_survive_clone_and_pickle():
+    compensator = RootCompensator(M_R, limits=(-80, 80), policy="nearest").fit()
+    again = pickle.loads(pickle.dumps(compensator))
+    np.testing.assert_array_equal(again.predict(SINE[:200]), compensator.predict(SINE[:200]))
+    assert again.step(0.1) == compensator.reset().step(0.1)
+    assert clone(compensator).get_params()["policy"] == "nearest"
+
+
+def test_grid_search_chooses_by_what_a_compensator_does_to_the_plant():
+    X, y = recorded()
+    r = 0.5 * np.sin(np.arange(200) / 15)
+    search = GridSearchCV(
+        RootCompensator(NARXRegressor(1, 1)),
+        {"model__degree": [1, 3]},
+        scoring=tracking_scorer(PLANT, r, n_settle=30),
+        cv=TimeSeriesSplit(2),
+    ).fit(X, y)
+    assert search.best_params_ == {"model__degree": 3}
+    assert search.best_score_ > -1e-6
+    assert search.best_estimator_.score(X[:200], y[:200]) > 0.999
+
+
+def test_the_structure_isolable_leaves_the_newest_input_alone_in_one_linear_term():
+    phi = (Difference("u", name="phi1"), DifferenceSign("u", name="phi2"))
+    names = [f"{s}[k-{lag}]" for s in ("u", "phi1", "phi2") for lag in (1, 2)] + ["y[k-1]"]
+    library = TermLibrary.polynomial(names, 3).filter(isolable_structure(["y"], ["u"], phi))
+    newest = [str(t) for t in library if any(v.lag == 1 and v.signal != "y" for v in t.variables)]
+    assert newest == ["phi1[k-1]"]
+    assert "1" not in library.names
+    assert "u[k-2]*phi1[k-2]*phi2[k-2]" in library.names
+    later = TermLibrary.polynomial(["y[k-1]", "u[k-2]", "u[k-3]"], 2)
+    kept = later.filter(isolable_structure(["y"], ["u"], [], delay=2)).names
+    assert "u[k-2]" in kept
+    assert "y[k-1]*u[k-2]" not in kept
+    assert "y[k-1]*u[k-3]" in kept
+
+
+def test_isolable_is_a_structure_known_by_name():
+    X, y = recorded()
+    regressor = NARXRegressor(1, 2, degree=2, structure="isolable", n_terms=4).fit(X, y)
+    law = IsolatedCompensator(regressor.model_).fit().law_
+    assert law.method == "explicit"
+
+
+def test_a_denoised_output_takes_the_bias_from_the_inverse():
+    rng = np.random.default_rng(0)
+    n = 4000
+    u = np.convolve(rng.normal(size=n), np.ones(20) / 20, mode="same")
+    y = free_run(NARXModel.from_equations("0.8*y[k-1] + u[k-1]"), u, y_init=[0.0]).y[:, 0]
+    measured = y + 0.05 * y.std() * rng.normal(size=n)
+    inverse = NARXRegressor([], 2, n_terms=2, fit_intercept=False, refine=False, origin="zero")
+    direct = NARXRegressor(1, 1, degree=1, refine=True, fit_intercept=False, origin="zero")
+
+    def wrong(denoise):
+        compensator = InverseCompensator(inverse, denoise=denoise).fit(u.reshape(-1, 1), measured)
+        equation = compensator.law_.equations[0]
+        return abs(equation["r[k+1]"] - 1.0) + abs(equation["r[k]"] + 0.8)
+
+    biased = wrong(None)
+    assert wrong(9) < 0.7 * biased
+    assert wrong(direct) < 0.1 * biased
+
+
+def test_the_amplifying_law_is_announced_when_it_is_fitted():
+    unstable = NARXModel.from_equations("0.5*y[k-1] + u[k-1] + 1.2*u[k-2]")
+    u = np.random.default_rng(0).normal(size=300)
+    with pytest.warns(AmplificationWarning, match=r"1\.2-fold a sample"):
+        IsolatedCompensator(unstable, limits=(-9, 9)).fit(u.reshape(-1, 1), u)
+
+
+def test_smooth_signs_soften_the_input_at_reversals():
+    sharp = RootCompensator(M_R, limits=(-80, 80)).fit().predict(SINE)
+    smooth = RootCompensator(M_R, limits=(-80, 80), smooth_width=0.05).fit()
+    m = smooth.predict(SINE)
+    assert isinstance(smooth.law_.elements[-1], SmoothSign)
+    assert np.abs(np.diff(m[:-2], 2)).max() < np.abs(np.diff(sharp[:-2], 2)).max()
+    assert mape(SINE, PIEZO_BENCH.run(m)) < 0.5
+
+
+def test_a_prandtl_ishlinskii_plant_is_compensated_to_rounding_from_any_state():
+    operator = PrandtlIshlinskiiOperator((0, 0.5, 1.0), (1.0, 0.4, 0.2), (0.3, 0.1, 0.0), 0.2, -0.1)
+    r = np.random.default_rng(0).normal(size=200)
+    compensator = PrandtlIshlinskiiCompensator(operator).fit()
+    np.testing.assert_allclose(operator.run(compensator.predict(r)), r, atol=1e-12)
+    np.testing.assert_allclose(compensator.predict(r), operator.inverse().run(r), atol=1e-12)
+
+
+def test_the_bouc_wen_law_uses_the_hysteresis_of_the_sample_before():
+    m = BoucWenCompensator(PIEZO_BENCH).fit().predict(SINE[:100])
+    h = 1.6 * m - PIEZO_BENCH.run(np.append(0.0, m))[1:]
+    np.testing.assert_allclose(m[1:], (SINE[1:100] + h[:-1]) / 1.6, atol=1e-9)
+
+
+def test_a_bouc_wen_estimator_can_be_given():
+    compensator = BoucWenCompensator(BoucWen(n_starts=1, exponent_bounds=(1, 1), random_state=0))
+    compensator.fit(PIEZO_INPUT[:3000].reshape(-1, 1), PIEZO_OUTPUT[:3000])
+    assert pytest.approx(0.9, rel=1e-3) == compensator.model_.A
+
+
+def test_plants_of_every_kind_can_be_run():
+    u = np.array([1.0, 2.0, 3.0])
+    model = NARXModel.from_equations("2*u[k]")
+    estimator = PrandtlIshlinskiiCompensator(PrandtlIshlinskiiOperator((0,), (0.5,))).fit()
+    for plant in (lambda u: 2 * u, model, PrandtlIshlinskiiOperator((0,), (2.0,)), estimator):
+        np.testing.assert_allclose(run_plant(plant, u), 2 * u)
+
+
+@pytest.mark.parametrize(
+    ("fit", "error", "message"),
+    [
+        (lambda: RootCompensator().fit(), ValueError, "needs the record"),
+        (lambda: RootCompensator("model").fit([[1.0]], [1.0]), TypeError, "NARXModel or an estimator"),
+        (lambda: RootCompensator(PLANT, limits=(1, 0)).fit(), ValueError, "low < high"),
+        (lambda: RootCompensator(PLANT, rate_limit=0).fit(), ValueError, "rate_limit must be positive"),
+        (lambda: RootCompensator(PLANT, policy="jump").fit(), ValueError, "policy='jump'"),
+        (lambda: RootCompensator(M_R, smooth_width=0.1).fit(), ValueError, "needs limits"),
+        (lambda: RootCompensator(PLANT).fit().predict([1.0, np.nan]), ValueError, "sample 1"),
+        (lambda: RootCompensator(PLANT).fit().predict([[1.0, 2.0]]), ValueError, "the law needs 1"),
+        (lambda: RootCompensator(PLANT).fit().explain("matlab"), ValueError, "form='matlab'"),
+        (lambda: InverseCompensator(M_INVERSE, lead=0).fit(), ValueError, "lead must be"),
+        (lambda: InverseCompensator(denoise="magic").fit([[1.0]] * 9, [1.0] * 9), ValueError, "denoise must"),
+        (lambda: smooth_output(np.ones(9), 4), ValueError, "odd integer"),
+        (lambda: smooth_output(np.ones(9), 11), ValueError, "shorter than the window"),
+        (lambda: BoucWenCompensator(BoucWenModel(1, 1, 1)).fit(), ValueError, "input_gain 0"),
+        (lambda: run_plant(3, [1.0]), TypeError, "A plant is"),
+        (lambda: run_plant(lambda u: u[:1], [1.0, 2.0]), ValueError, "returned 1 samples"),
+    ],
+)
+def test_what_cannot_be_is_said(fit, error, message):
+    with pytest.raises(error, match=message):
+        fit()

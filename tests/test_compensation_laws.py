@@ -1,0 +1,530 @@
+"""Laws from models: the thesis's published compensators, roots of polynomials, kernels, C code."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from thesis_models import EXAMPLE_4_1, M_I, M_INVERSE, M_R, THETA_I, THETA_R
+
+from narx_sklearn.compensation import (
+    BoucWenElement,
+    CompensationLaw,
+    c_source,
+    inverse_law,
+    isolated_law,
+    law_stability,
+    root_law,
+    root_polynomials,
+    smooth_signs,
+)
+from narx_sklearn.compensation import _kernels as kernels
+from narx_sklearn.compensation import _polynomial_roots as polynomial_roots
+from narx_sklearn.compensation.law import LawState
+from narx_sklearn.model import (
+    AbsoluteDifference,
+    AsymmetricSign,
+    Difference,
+    DifferenceSign,
+    FunctionPhi,
+    HystereticOperator,
+    NARXModel,
+    Play,
+    Polynomial,
+    SmoothSign,
+    Variable,
+    predict_one_step,
+)
+
+PHI = (Difference("u", name="phi1"), DifferenceSign("u", name="phi2"))
+VALVE_R = NARXModel.from_equations(
+    "0.976*y[k-1] + 0.024*y[k-2] + 0.119*phi1[k-1] + 3.76*phi2[k-1]*phi1[k-1]*u[k-1]"
+    " - 4.73*phi2[k-1]*phi1[k-1]*y[k-2]",
+    phi=PHI,
+)  # (5.16)
+VALVE_I = NARXModel.from_equations(
+    "y[k-1] - 19.76*phi1[k-2] + 19.32*phi1[k-1] + 9.44*phi2[k-2]*phi1[k-2]*u[k-2]"
+    " - 12.61*phi2[k-2]*phi1[k-2]*y[k-1]",
+    phi=PHI,
+)  # (5.17)
+VALVE_INVERSE = NARXModel.from_equations(
+    "u[k-1] + 86.67*phi1[k-1] - 85.02*phi1[k-2] - 0.98*phi1[k-1]*y[k-2]"
+    " + 1.72*phi2[k-2]*phi1[k-2]*y[k-2] - 1.13*phi2[k-2]*phi1[k-2]*u[k-1]",
+    outputs=["u"],
+    inputs=["y"],
+    phi=[Difference("y", name="phi1"), DifferenceSign("y", name="phi2")],
+)  # (5.18)
+
+
+def assert_same(found: Polynomial, wanted: Polynomial):
+    """Equal coefficient by coefficient, but for rounding."""
+    assert found.library == wanted.library
+    for term, value in wanted.items:
+        assert found[term] == pytest.approx(value, rel=1e-12)
+
+
+def in_signals(law: CompensationLaw) -> Polynomial:
+    """Return an explicit law with differences written out, signs kept."""
+    equation = law.equations[0]
+    differences = {str(e.name): e.signal for e in law.elements if isinstance(e, Difference)}
+    written = {}
+    for v in equation.variables:
+        if v.signal in differences:
+            now = Variable(differences[v.signal], v.lag)
+            written[v] = Polynomial({now: 1.0, now.shift(1): -1.0})
+    return equation.substitute(written)
+
+
+def test_example_4_2_gives_the_polynomial_4_11():
+    theta = (0.9, 1.1, 0.3, -0.2, 0.05)
+    names = ("y[k-1]", "u[k-1]", "u[k-1]*u[k-2]", "u[k-1]^2", "u[k-1]^3")
+    (c,) = root_polynomials(NARXModel.from_equations(dict(zip(names, theta, strict=True))))
+    assert_same(c[3], Polynomial.constant(theta[4]))
+    assert_same(c[2], Polynomial.constant(theta[3]))
+    assert_same(c[1], Polynomial({"1": theta[1], "m[k-1]": theta[2]}))
+    assert_same(c[0], Polynomial({"r[k]": theta[0], "r[k+1]": -1.0}))
+
+
+def test_example_4_3_gives_4_15_and_4_16():
+    t1, t2, t3, t4, t5 = 1.0, 0.02, 0.3, -0.2, 0.7
+    model = NARXModel.from_equations(
+        {"y[k-1]": t1, "phi2[k-1]": t2, "phi1[k-1]*u[k-1]": t3, "phi2[k-1]*phi1[k-1]*y[k-1]": t4}
+        | {"phi1[k-1]": t5},
+        phi=PHI,
+    )  # fmt: skip
+    for s, c in zip((1, -1), root_polynomials(model), strict=True):
+        assert_same(c[2], Polynomial.constant(t3))
+        assert_same(c[1], Polynomial({"1": t5, "r[k]": s * t4, "m[k-1]": -t3}))
+        assert_same(
+            c[0],
+            Polynomial({"r[k]": t1, "r[k+1]": -1, "1": s * t2, "r[k]*m[k-1]": -s * t4, "m[k-1]": -t5}),
+        )
+
+
+def test_example_4_4_gives_4_27_with_the_lag_of_the_sign_put_right():
+    t1, t2, t3, t4, t5 = 1.0, 0.02, 0.3, -0.2, 0.7
+    model = NARXModel.from_equations(
+        {"y[k-1]": t1, "phi2[k-2]": t2, "phi1[k-2]*u[k-2]": t3, "phi2[k-2]*phi1[k-2]*y[k-1]": t4}
+        | {"phi1[k-1]": t5},
+        phi=PHI,
+    )  # fmt: skip
+    m1, m2, sign = (Polynomial.variable(v) for v in ("m[k-1]", "m[k-2]", "phi2[k-1]"))
+    r0, r1 = Polynomial.variable("r[k]"), Polynomial.variable("r[k+1]")
+    bracket = r1 - t1 * r0 + t5 * m1 - t2 * sign - t3 * (m1 - m2) * m1 - t4 * sign * (m1 - m2) * r0
+    assert_same(in_signals(isolated_law(model)), (1 / t5) * bracket)
+
+
+def test_the_piezo_compensators_are_5_11_to_5_14():
+    t1, t2, t3, t4, t5, t6, t7, t8, t9 = THETA_R
+    for s, c in zip((1, -1), root_polynomials(M_R), strict=True):
+        assert_same(c[3], Polynomial.constant(t5))
+        assert_same(c[2], Polynomial({"1": s * (t3 + t8), "m[k-1]": -t5, "r[k]": t6}))
+        wanted = {"1": t2 + s * t9, "m[k-1]": -s * (t3 + 2 * t8), "r[k]": s * t4, "r[k]*m[k-1]": -t6}
+        assert_same(c[1], Polynomial(wanted))
+        wanted = {
+            "r[k]": t1 + s * t7,
+            "r[k+1]": -1,
+            "m[k-1]": -t2,
+            "r[k]*m[k-1]": -s * t4,
+            "m[k-1]^2": s * t8,
+        }
+        assert_same(c[0], Polynomial(wanted))
+    t1, t2, t3, t4, t5, t6, t7, t8, t9 = THETA_I
+    m1, m2, sign = (Polynomial.variable(v) for v in ("m[k-1]", "m[k-2]", "phi2[k-1]"))
+    r0, r1, move = Polynomial.variable("r[k]"), Polynomial.variable("r[k+1]"), m1 - m2
+    bracket = (
+        r1 - t1 * r0 + t8 * m1 - (t3 * m1 + t4 * r0 + t9 * move) * sign * move
+        - (t2 + t5 * m1 * m1 + t6 * m1 * r0) * move - t7 * sign * r0
+    )  # fmt: skip
+    assert_same(in_signals(isolated_law(M_I)), (1 / t8) * bracket)
+    t = M_INVERSE.equation()
+    law = inverse_law(M_INVERSE, lead=2)
+    change, sign = r1 - r0, Polynomial.variable("phi2[k+1]")
+    wanted = (
+        t["u[k-1]"] * m1 + t["phi1[k-1]"] * change
+        + (t["phi2[k-1]*phi1[k-1]*u[k-1]"] * m1 + t["phi2[k-1]*phi1[k-1]*y[k-1]"] * r1) * sign * change
+        + (t["phi2[k-1]*y[k-1]*u[k-1]"] * r1 * m1 + t["phi2[k-1]*y[k-1]^2"] * r1 * r1) * sign
+        + (t["phi1[k-1]^2*u[k-1]"] * m1 + t["phi1[k-1]^2*y[k-1]"] * r1) * change * change
+        + t["phi1[k-1]^3"] * change * change * change
+    )  # fmt: skip
+    assert_same(in_signals(law), wanted)
+
+
+def test_the_valve_compensators_are_5_19_to_5_22():
+    for s, c in zip((1, -1), root_polynomials(VALVE_R), strict=True):
+        assert_same(c[2], Polynomial.constant(s * 3.76))
+        assert_same(c[1], Polynomial({"1": 0.119, "m[k-1]": -s * 3.76, "r[k-1]": -s * 4.73}))
+        wanted = {"r[k]": 0.976, "r[k-1]": 0.024, "r[k+1]": -1, "r[k-1]*m[k-1]": s * 4.73, "m[k-1]": -0.119}
+        assert_same(c[0], Polynomial(wanted))
+    m1, m2, sign = (Polynomial.variable(v) for v in ("m[k-1]", "m[k-2]", "phi2[k-1]"))
+    r0, r1, rb = (Polynomial.variable(v) for v in ("r[k]", "r[k+1]", "r[k-1]"))
+    move = m1 - m2
+    bracket = r1 - r0 + 19.32 * m1 + 19.76 * move - 9.44 * sign * move * m1 + 12.61 * sign * move * r0
+    assert_same(in_signals(isolated_law(VALVE_I)), (1 / 19.32) * bracket)
+    sign = Polynomial.variable("phi2[k]")
+    wanted = (
+        m1 + 86.67 * (r1 - r0) - 85.02 * (r0 - rb) - 0.98 * (r1 - r0) * r0
+        + 1.72 * sign * (r0 - rb) * r0 - 1.13 * sign * (r0 - rb) * m1
+    )  # fmt: skip
+    assert_same(in_signals(inverse_law(VALVE_INVERSE, lead=2)), wanted)
+
+
+# -- the roots ----------------------------------------------------------------------------------------------
+
+
+def first_root(c, start=0.0, end=np.inf, *, find=polynomial_roots.first_root):
+    c = np.array(c, dtype=float)
+    degree = max(np.flatnonzero(c), default=0)
+    chain, work = np.zeros((c.size, c.size)), np.zeros((2, c.size + 2))
+    end = polynomial_roots.root_bound(c, degree) if np.isinf(end) else end
+    return find(c, degree, start, end, chain, work)
+
+
+@pytest.mark.parametrize("find", [polynomial_roots.first_root, polynomial_roots.first_root.py_func])
+@pytest.mark.parametrize(
+    ("c", "wanted"),
+    [
+        ([-2, 1], 2.0),
+        ([2, 1], np.nan),
+        ([6, -5, 1], 2.0),
+        ([1, -2, 1], 1.0),  # grazes zero
+        ([1.01, -2, 1], np.nan),  # just misses
+        ([-6, 11, -6, 1], 1.0),
+        ([-4, 8, -5, 1], 1.0),  # (x - 1) (x - 2)^2
+        ([-2, 5, -4, 1], 1.0),  # (x - 1)^2 (x - 2): the double root comes first
+        ([-1, 1, 0, 1e-18], 1.0),  # a leading coefficient that nearly vanishes
+        ([-1, 1, 1e-30], 1.0),
+        ([24, -50, 35, -10, 1], 1.0),
+        ([-120, 274, -225, 85, -15, 1], 1.0),
+        ([1, 0, 0, 0, 1], np.nan),
+        ([5, 0, 0], np.nan),
+    ],
+)
+def test_the_first_positive_root_is_found(c, wanted, find):
+    np.testing.assert_allclose(first_root(c, find=find), wanted, rtol=1e-7, equal_nan=True)
+
+
+@given(
+    st.lists(st.integers(-60, 60), min_size=1, max_size=5, unique=True),
+    st.sampled_from([1e-6, 1.0, 1e6]),
+    st.floats(0.1, 10.0),
+)
+@example([1, 2, 3, 4, 5], 1.0, 1.0)
+def test_separate_roots_are_found_at_any_scale(roots, scale, gain):
+    roots = np.array(roots, dtype=float) * scale / 7.0
+    c = gain * np.polynomial.polynomial.polyfromroots(roots)
+    ahead = roots[roots > 0]
+    wanted = ahead.min() if ahead.size else np.nan
+    np.testing.assert_allclose(first_root(c), wanted, rtol=1e-6, equal_nan=True)
+
+
+@given(st.lists(st.floats(-5, 5), min_size=4, max_size=6), st.floats(0.1, 3.0))
+def test_the_best_point_is_no_worse_than_a_fine_grid(c, end):
+    c = np.array(c)
+    degree = max(np.flatnonzero(c), default=0)
+    chain, work = np.zeros((c.size, c.size)), np.zeros((2, c.size + 2))
+    if np.isfinite(polynomial_roots.first_root(c, degree, 0.0, end, chain, work)):
+        return
+    x, size = polynomial_roots.smallest_value(c, degree, 0.0, end, chain, work)
+    grid = np.abs(np.polynomial.polynomial.polyval(np.linspace(0, end, 400), c))
+    assert 0.0 <= x <= end
+    assert size <= grid.min() + 1e-9
+
+
+# -- the laws at work ---------------------------------------------------------------------------------------
+
+
+def smooth_reference(n=400, size=1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    k = np.arange(n)
+    return size * sum(rng.uniform(0.2, 1) * np.sin(k * f + rng.uniform(0, 6)) for f in (0.02, 0.033, 0.05))
+
+
+MODELS = {
+    "linear": NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.3*u[k-2]"),
+    "cubic": NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.2*u[k-1]^3 + 0.1*u[k-1]*u[k-2]"),
+    "delay 0": NARXModel.from_equations("0.6*y[k-1] + u[k] + 0.2*u[k]^3"),
+    "delay 3": NARXModel.from_equations("0.6*y[k-1] + u[k-3] + 0.2*u[k-3]^3 + 0.1*u[k-4]*y[k-2]"),
+    "degree 5": NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.05*u[k-1]^5"),
+    "origin": NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.2*u[k-1]^3", origin={"y": 0.4, "u": -0.2}),
+    "two inputs": NARXModel.from_equations("0.6*y[k-1] + u[k-1] + 0.3*w[k-1]*u[k-1]^2", inputs=["u", "w"]),
+    "hysteresis": NARXModel.from_equations(
+        "y[k-1] + 0.8*phi1[k-1] + 0.2*phi1[k-1]*phi2[k-1]*u[k-1]", phi=PHI
+    ),
+    "absolute": NARXModel.from_equations(
+        "0.6*y[k-1] + u[k-1] + 0.3*phi1[k-1]*u[k-2]", phi=[AbsoluteDifference("u", name="phi1")]
+    ),
+    "asymmetric": NARXModel.from_equations(
+        "0.6*y[k-1] + u[k-1] + phi1[k-1]*phi2[k-1]",
+        phi=[Difference("u"), AsymmetricSign("u", rising=(0.5, 0.1), falling=(-0.4, 0.2))],
+    ),
+    "smooth": NARXModel.from_equations(
+        "0.6*y[k-1] + u[k-1] + 0.05*phi1[k-1]", phi=[SmoothSign("u", width=0.02, name="phi1")]
+    ),
+    "play": NARXModel.from_equations("0.5*u[k-1] + phi1[k-1]", phi=[Play("u", radius=0.3, name="phi1")]),
+    "operator": NARXModel.from_equations(
+        "0.4*y[k-1] + u[k-1] + 0.3*phi1[k-1]", phi=[HystereticOperator("u", name="phi1")]
+    ),
+    "output phi": NARXModel.from_equations(
+        "0.6*y[k-1] + u[k-1] + 0.2*phi1[k-1]", phi=[DifferenceSign("y", name="phi1")]
+    ),
+}
+
+
+def signals_for(model, n=400):
+    r = smooth_reference(n, 1.0)
+    return r if len(model.inputs) == 1 else np.column_stack([r, 0.3 * smooth_reference(n, 1.0, seed=1)])
+
+
+def limited(law, **kwargs):
+    from dataclasses import replace
+
+    return replace(law, **{"limits": (-9.0, 9.0), **kwargs})
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_model_driven_by_its_root_law_follows_the_reference(name):
+    model = MODELS[name]
+    known = signals_for(model)
+    law = limited(root_law(model))
+    start = 0.3
+    run = law.run(known, m=start)
+    reference = known if known.ndim == 1 else known[:, 0]
+    first = max(model.max_lag, 1)
+    held = np.concatenate([np.full(first, start), run.m])
+    target = np.concatenate([np.full(first, reference[0]), reference])
+    others = () if known.ndim == 1 else (np.concatenate([np.full(first, known[0, 1]), known[:, 1]]),)
+    y = predict_one_step(model, np.column_stack([held, *others]), target)[:, 0]
+    assert run.counts.no_solution == 0
+    np.testing.assert_allclose(y[first + law.horizon :], target[first + law.horizon :], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_step_at_a_time_gives_the_same_numbers_as_the_whole_reference(name):
+    law = limited(root_law(MODELS[name]))
+    known = signals_for(MODELS[name], 60).reshape(60, -1)
+    whole = law.run(known, m=0.3).m
+    state = law.start(0.3, known[0])
+    state.settle(known[1 : law.horizon], np.full(max(law.horizon - 1, 0), 0.3))
+    steps = [state.step(known[k + law.horizon]) for k in range(60 - law.horizon)]
+    np.testing.assert_array_equal(steps, whole[: len(steps)])
+
+
+@pytest.mark.parametrize("name", ["cubic", "hysteresis", "play"])
+def test_compiled_and_interpreted_kernels_agree(name, monkeypatch):
+    law = limited(root_law(MODELS[name]), policy="nearest")
+    known = signals_for(MODELS[name], 25).reshape(25, -1)
+    whole = law.run(known, m=0.3).m
+    for module in (kernels, polynomial_roots):
+        for key, value in list(vars(module).items()):
+            if hasattr(value, "py_func") and value.py_func.__module__.startswith("narx_sklearn.compensation"):
+                monkeypatch.setattr(module, key, value.py_func)
+    for key in ("first_root", "root_bound", "smallest_value"):
+        monkeypatch.setattr(kernels, key, getattr(polynomial_roots, key))
+    np.testing.assert_allclose(law.run(known, m=0.3).m, whole, rtol=1e-12, atol=1e-14)
+
+
+def test_the_root_law_agrees_with_a_plain_search_over_numpy_roots():
+    # Definition 4.2, slowly: all roots of (5.11) and (5.12), the nearest of those in the right direction
+    loading, unloading = root_polynomials(M_R)
+    r = 40.0 * np.sin(2 * np.pi * np.arange(300) / 300)
+    fast = root_law(M_R).run(r).m
+    m = [0.0]
+    for k in range(299):
+        found = []
+        for direction, side in ((1, loading), (-1, unloading)):
+            values = {"m[k-1]": m[-1], "r[k]": r[k], "r[k+1]": r[k + 1]}
+            roots = np.roots([c(values) for c in side[::-1]])
+            real = roots[np.abs(roots.imag) < 1e-9].real
+            found += [x for x in real if direction * (x - m[-1]) > 0]
+        m.append(min(found, key=lambda x: abs(x - m[-1])) if found else m[-1])
+    np.testing.assert_allclose(fast[:299], m[1:], atol=1e-8)
+
+
+def test_hold_keeps_the_last_input_and_nearest_goes_as_far_as_it_helps():
+    law = limited(root_law(NARXModel.from_equations("u[k-1]^2")))
+    r = np.array([1.0, 4.0, -1.0, -1.0, 9.0])
+    hold = law.run(r, m=1.0)
+    np.testing.assert_allclose(hold.m, [2.0, 2.0, 2.0, 3.0, 3.0])
+    assert hold.counts.no_solution == 2
+    nearest = limited(law, policy="nearest").run(r, m=1.0)
+    np.testing.assert_allclose(nearest.m[:3], [2.0, 0.0, 0.0], atol=1e-12)
+    assert nearest.counts.no_solution == 2
+    saturated = limited(law, policy="nearest", limits=(0.5, 1.5)).run(r, m=1.0).m
+    np.testing.assert_allclose(saturated[:3], [1.5, 0.5, 0.5])
+
+
+def test_limits_and_rate_limits_are_kept_and_counted():
+    law = limited(isolated_law(MODELS["linear"]), limits=(-0.2, 0.2), rate_limit=0.01)
+    run = law.run(smooth_reference(), m=0.0)
+    assert np.abs(run.m).max() <= 0.2
+    assert np.abs(np.diff(run.m, prepend=0.0)).max() <= 0.01 + 1e-12
+    assert run.counts.at_limit > 0
+    assert run.counts.at_rate_limit > 0
+    assert run.counts.samples == 400
+
+
+@pytest.mark.parametrize("law", [root_law(M_R), isolated_law(M_I), inverse_law(M_INVERSE, 2)])
+def test_the_input_rests_while_the_reference_rests(law):
+    r = 40.0 * np.sin(2 * np.pi * np.arange(1600) / 1000)
+    r[1300:] = r[1300]
+    m = law.run(r).m
+    assert law.keeps_rest
+    assert np.ptp(m[1303:]) == 0.0
+    drifting = limited(law, limits=(-99.0, 99.0), keeps_rest=False).run(r).m
+    assert np.isfinite(drifting).all()
+
+
+def test_a_law_of_a_model_that_forgets_does_not_claim_to_rest():
+    assert not root_law(MODELS["cubic"]).keeps_rest
+    assert not root_law(MODELS["play"]).keeps_rest
+
+
+def test_values_that_are_not_finite_leave_the_last_input():
+    state = isolated_law(MODELS["linear"]).start(0.25, 0.0)
+    assert state.step(np.nan) == 0.25
+    assert state.counts.no_solution == 1
+
+
+def test_a_copy_of_the_state_goes_its_own_way():
+    law = root_law(M_R)
+    state = law.start(0.0, 0.0)
+    state.step(0.5)
+    twin = state.copy()
+    assert isinstance(twin, LawState)
+    assert twin.step(1.0) == state.step(1.0)
+    state.step(2.0)
+    assert twin.counts.samples == 2
+
+
+def test_the_jacobian_of_a_linear_law_is_its_own_recursion():
+    # m[k] = (r[k+1] - 0.6 r[k] - 0.3 m[k-1]): errors shrink by 0.3 a sample
+    found = law_stability(isolated_law(MODELS["linear"]), smooth_reference())
+    assert found.is_stable
+    assert found.growth == pytest.approx(0.3, rel=1e-6)
+    assert found.share_growing == 0.0
+
+
+def test_the_published_isolated_valve_law_amplifies_and_the_piezo_laws_do_not():
+    seconds = np.arange(2000) * 0.01
+    valve = law_stability(isolated_law(VALVE_I), 3.08 + 0.34 * np.sin(0.2 * np.pi * seconds), m=3.0)
+    assert valve.share_growing > 0.1
+    assert valve.radius.max() > 1.5
+    assert "grow at" in str(valve)
+    r = 40.0 * np.sin(2 * np.pi * np.arange(1000) / 1000)
+    for law in (root_law(M_R), isolated_law(M_I), inverse_law(M_INVERSE, 2)):
+        assert law_stability(law, r).is_stable
+
+
+def test_smooth_signs_replace_every_sign_and_nothing_else():
+    smooth = smooth_signs(M_R, 0.1)
+    assert [type(p) for p in smooth.phi] == [Difference, SmoothSign]
+    assert smooth.equation() == M_R.equation()
+    assert smooth_signs(M_R, None) is M_R
+    assert root_law(smooth).method == "search"
+
+
+@pytest.mark.parametrize(
+    ("model", "derive", "message"),
+    [
+        (EXAMPLE_4_1, isolated_law, 'structure="isolable"'),
+        (NARXModel.from_equations("0.5*y[k-1]"), root_law, "does not depend on the input"),
+        (
+            NARXModel.from_equations("y[k-1] + phi1[k-1]", phi=[FunctionPhi(np.abs, ["u[k]"])]),
+            root_law,
+            "Python function",
+        ),
+        (NARXModel.from_equations("y[k-1] + m[k-1] + u[k-1]", inputs=["u", "m"]), root_law, "rename"),
+        (
+            NARXModel.from_equations({"y1": "u[k-1]", "y2": "u[k-1]"}, outputs=["y1", "y2"]),
+            root_law,
+            "one output",
+        ),
+        (NARXModel.from_equations("0.5*y[k-1]", inputs=[]), root_law, "no input"),
+        (MODELS["smooth"], root_polynomials, "no polynomial"),
+    ],
+)
+def test_models_that_allow_no_law_are_refused(model, derive, message):
+    with pytest.raises(ValueError, match=message):
+        derive(model)
+
+
+def test_an_inverse_model_must_read_the_output():
+    model = NARXModel.from_equations("u[k-1]", outputs=["u"], inputs=["y"])
+    with pytest.raises(ValueError, match=r"Assumption 4\.5"):
+        inverse_law(model, 2)
+
+
+# -- C ------------------------------------------------------------------------------------------------------
+
+DRIVER = """
+#include <stdio.h>
+int main(void)
+{
+    law_state s;
+    double m0, r0, w0 = 0.0, r, w = 0.0;
+    if (scanf("%lf %lf", &m0, &r0) != 2) return 1;
+    INIT
+    while (scanf("%lf", &r) == 1) { READ printf("%.17g\\n", STEP); }
+    return 0;
+}
+"""
+
+C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
+    "piezo roots": root_law(M_R),
+    "piezo isolated": isolated_law(M_I),
+    "piezo inverse": inverse_law(M_INVERSE, 2),
+    "nearest": limited(root_law(MODELS["cubic"]), policy="nearest", limits=(-0.4, 0.3), rate_limit=0.02),
+    "bouc-wen": CompensationLaw(
+        "explicit", (Polynomial({"r[k]": 0.6, "h[k-1]": 0.6}),), (BoucWenElement("m", 0.9, 0.8, 0.5, 1.5),)
+    ),
+}
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_the_c_code_computes_the_same_numbers(tmp_path):
+    for number, (name, law) in enumerate(C_LAWS.items()):
+        known = np.column_stack([smooth_reference(80, 1.0, seed=2)] * len(law.known))
+        two = len(law.known) == 2
+        fill = {
+            "INIT": "w0 = r0; law_reset(&s, m0, r0, w0);"
+            if two
+            else "(void)w0; (void)w; law_reset(&s, m0, r0);",
+            "READ": "w = r;" if two else "",
+            "STEP": "law_step(&s, r, w)" if two else "law_step(&s, r)",
+        }
+        driver = DRIVER
+        for key, text in fill.items():
+            driver = driver.replace(key, text)
+        source, program = tmp_path / f"law{number}.c", tmp_path / f"law{number}"
+        source.write_text(c_source(law, "law") + driver)
+        flags = [
+            "-std=c99",
+            "-O0",
+            "-ffp-contract=off",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-Wno-unused-function",
+        ]
+        built = subprocess.run(
+            ["gcc", *flags, str(source), "-o", str(program), "-lm"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert built.returncode == 0, f"{name}: {built.stderr}"
+        text = "\n".join(repr(float(x)) for x in (0.1, known[0, 0], *known[:, 0]))
+        done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=True)
+        state = law.start(0.1, known[0])
+        wanted = [state.step(row) for row in known]
+        np.testing.assert_allclose(
+            np.array(done.stdout.split(), dtype=float), wanted, rtol=1e-9, atol=1e-11, err_msg=name
+        )
+
+
+def test_names_that_are_not_c_are_refused():
+    with pytest.raises(ValueError, match="identifier"):
+        c_source(root_law(M_R), "2fast")
