@@ -8,6 +8,15 @@ from importlib import import_module
 __version__ = "0.1.0.dev0"
 
 _HOMES = {
+    "DiscrepancyRegressor": "discrepancy",
+    "ODESimulator": "discrepancy",
+    "NARXSimulator": "discrepancy",
+    "TraceSimulator": "discrepancy",
+    "CallableSimulator": "discrepancy",
+    "FMUSimulator": "discrepancy",
+    "RootCompensator": "compensation",
+    "IsolatedCompensator": "compensation",
+    "InverseCompensator": "compensation",
     "NARXModel": "model",
     "NARXRegressor": "identification",
     "NARXRegressorCV": "identification",

@@ -1,0 +1,58 @@
+"""What an actuator may do to its command, advanced by one fine step."""
+
+import numpy as np
+from numba import njit
+
+from benchmarks.concealed.plants.codes import Code
+
+__all__ = ["act"]
+
+
+@njit(cache=True, nogil=True)
+def act(code, theta, u, t, h, z):
+    """Return what reaches the plant when `u` is commanded; `z` is the actuator's memory, written.
+
+    `theta` holds the effect's numbers (see ``shapes``), ``theta[7]`` the command's working point.
+    """
+    d = u - theta[7]
+    if code == Code.input_saturation:  # algebraic soft clip; theta: limit, sharpness
+        d /= (1.0 + abs(d / theta[0]) ** theta[1]) ** (1.0 / theta[1])
+    elif code == Code.dead_zone:  # edges rounded over theta[1]
+        width, edge = theta[0], theta[1]
+        up = 0.5 * (d - width + np.sqrt((d - width) ** 2 + edge**2))
+        down = 0.5 * (-d - width + np.sqrt((d + width) ** 2 + edge**2))
+        d = up - down
+    elif code == Code.input_polynomial:  # an exponential characteristic: even and odd distortion
+        d = (np.exp(theta[0] * d) - 1.0) / theta[0]
+    elif code == Code.backlash:  # compliant play: four gaps of unequal width in parallel round the corners
+        total = 0.0
+        for j in range(4):
+            width = theta[0] * (0.7 + 0.2 * j)
+            z[j] = min(max(z[j], d - width), d + width)
+            total += z[j]
+        d = total / 4.0
+    elif code == Code.valve_stiction:  # held until the error passes theta[0], then jumps to theta[1] of it
+        if abs(d - z[0]) > theta[0]:
+            z[0] = d - np.sign(d - z[0]) * theta[1]
+        d = z[0]
+    elif code == Code.rate_limit:  # a positioner whose speed comes to its end theta[0] softly
+        step = d - z[0]
+        z[0] += step / (1.0 + abs(step / (theta[0] * h)) ** 6) ** (1.0 / 6.0)
+        d = z[0]
+    elif code == Code.lag:
+        z[0] += (d - z[0]) * (1.0 - np.exp(-h / theta[0]))
+        d = z[0]
+    elif code == Code.gain_drift:  # settles towards a gain of 1 + theta[0]
+        d *= 1.0 + theta[0] * (1.0 - np.exp(-t / theta[1]))
+    elif code == Code.supply_sag:  # the gain gives way after hard work
+        z[0] += h / theta[1] * (abs(d) / theta[2] - z[0])
+        d /= 1.0 + theta[0] * z[0]
+    elif code == Code.input_dropout:  # open contact for a share theta[0] of an irregular cycle
+        phase = t / theta[1] + 0.3 * np.sin(t / theta[2])
+        if phase - np.floor(phase) < theta[0]:
+            d = 0.0
+    elif code == Code.two_speed_lag:  # fills faster than it empties
+        tau = theta[0] if d > z[0] else theta[1]
+        z[0] += (d - z[0]) * (1.0 - np.exp(-h / tau))
+        d = z[0]
+    return theta[7] + d

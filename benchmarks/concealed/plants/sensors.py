@@ -1,0 +1,49 @@
+"""What a sensor may do to the quantity it measures, once per sample."""
+
+import numpy as np
+from numba import njit
+
+from benchmarks.concealed.plants.codes import Code
+
+__all__ = ["sense"]
+
+
+@njit(cache=True, nogil=True)
+def sense(code, theta, y, t, dt, z):
+    """Return the reading of `y` at time `t`; `z` is the sensor's memory, written."""
+    s = theta[0]
+    if code == Code.additive_drift:  # a slow swing that never repeats within the record
+        return y + s * (np.sin(theta[1] * t + theta[2]) - np.sin(theta[2]) + 0.5 * theta[1] * t)
+    if code == Code.sensor_bias:
+        return y + s
+    if code == Code.sensor_clip:
+        return min(max(y, theta[1]), theta[0])
+    if code == Code.quantisation:
+        return s * np.floor(y / s + 0.5)
+    if code == Code.stuck_sensor:  # theta: duration, start
+        if t < theta[1] or t >= theta[1] + s:
+            z[0] = y
+        return z[0]
+    if code == Code.lag:
+        z[0] += (y - z[0]) * (1.0 - np.exp(-dt / s))
+        return z[0]
+    if code == Code.creep:  # three retarded parts, a decade of time constants
+        total = 0.0
+        for j in range(3):
+            z[j] += (y - z[j]) * (1.0 - np.exp(-dt / (theta[1] * 3.0**j)))
+            total += z[j]
+        return y + s * total / 3.0
+    if code == Code.auto_ranging_sensor:  # the coarse range reads too much, and is left late
+        if abs(y) > theta[1]:
+            z[0] = 1.0
+        elif abs(y) < 0.7 * theta[1]:
+            z[0] = 0.0
+        return y * (1.0 + s * z[0])
+    if code == Code.sensor_memory:  # a magnetised core
+        end = 1.0 if y > z[1] else -1.0
+        z[0] = end + (z[0] - end) * np.exp(-abs(y - z[1]) / theta[1])
+        z[1] = y
+        return y + s * z[0]
+    if code == Code.sensor_ripple:  # interpolation error of a scale, periodic in what is measured
+        return y + s * (np.sin(theta[1] * y) - 0.4 * np.cos(2.0 * theta[1] * y))
+    return y

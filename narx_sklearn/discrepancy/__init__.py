@@ -1,0 +1,20 @@
+"""Where a simulation differs from recordings, which physics it lacks, and the proof."""
+
+from narx_sklearn.discrepancy.blackbox import CallableSimulator
+from narx_sklearn.discrepancy.checks import DataFinding, check_record
+from narx_sklearn.discrepancy.fmu import FMUSimulator
+from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
+from narx_sklearn.discrepancy.ode import ODESimulator
+from narx_sklearn.discrepancy.regressor import DiscrepancyRegressor
+from narx_sklearn.discrepancy.trace import TraceSimulator
+
+__all__ = [
+    "CallableSimulator",
+    "DataFinding",
+    "DiscrepancyRegressor",
+    "FMUSimulator",
+    "NARXSimulator",
+    "ODESimulator",
+    "TraceSimulator",
+    "check_record",
+]

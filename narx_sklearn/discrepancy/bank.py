@@ -1,0 +1,134 @@
+"""Columns of the bank: what each effect would change in the output, everything else projected out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit
+
+TANGENT = 1e-2  # share of an ordinary size that is injected
+INVISIBLE = 1e-6  # squared share of a column left after projection, below which it says nothing of its own
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Columns of all hypotheses, with initial states and the model's own parameters projected out.
+
+    Attributes
+    ----------
+    owner, start : ndarray of shape (n_columns,)
+        Hypothesis of each column, and the row of its starts.
+    columns : ndarray of shape (W, T, n_columns)
+    residual : ndarray of shape (W, T)
+        Projected alike.
+    gram : ndarray of shape (n_columns, n_columns)
+    plain : ndarray of shape (n_columns,)
+        Inner products with the residual.
+    useful : ndarray of bool of shape (n_columns,)
+        Whether something of the column was left by the projection.
+    """
+
+    hypotheses: list[Hypothesis]
+    owner: np.ndarray
+    start: np.ndarray
+    columns: np.ndarray
+    residual: np.ndarray
+    gram: np.ndarray
+    plain: np.ndarray
+    useful: np.ndarray
+
+    @property
+    def n_columns(self) -> int:
+        """Number of columns."""
+        return self.owner.size
+
+    def placed(self, column: int) -> PlacedEffect:
+        """Return the effect behind a column, at its start."""
+        hypothesis = self.hypotheses[self.owner[column]]
+        return hypothesis.placed.at(hypothesis.starts[self.start[column]])
+
+
+def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: int | None = None) -> Bank:
+    """Inject every effect at each of its starts, and project out what the model itself can explain."""
+    pairs = [(h, s) for h, hypothesis in enumerate(hypotheses) for s in range(len(hypothesis.starts))]
+    owner = np.array([h for h, _ in pairs], dtype=int)
+    start = np.array([s for _, s in pairs], dtype=int)
+    base = problem.run(fit.model)
+
+    def column(h: int, s: int) -> np.ndarray:
+        return effect_column(problem, fit, base, hypotheses[h].placed.at(hypotheses[h].starts[s]))
+
+    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(column)(h, s) for h, s in pairs)
+    n_w, n_t = fit.residual.shape
+    columns = np.stack(found, axis=2) if found else np.zeros((n_w, n_t, 0))
+    raw = np.einsum("wtk,wtk->k", columns, columns)
+    columns = out_of(fit.jacobian, fit.projector(columns))
+    residual = out_of(fit.jacobian, fit.residual[:, :, None])[:, :, 0]
+    flat = columns.reshape(-1, columns.shape[2])
+    gram = flat.T @ flat
+    useful = np.diag(gram) > INVISIBLE * np.maximum(raw, 1e-300)
+    return Bank(hypotheses, owner, start, columns, residual, gram, flat.T @ residual.ravel(), useful)
+
+
+def out_of(jacobian: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Project the global parameters' sensitivities, (W, T, n_q), out of columns (W, T, n)."""
+    J = jacobian.reshape(-1, jacobian.shape[2])
+    if J.shape[1] == 0 or columns.shape[2] == 0:
+        return columns
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0] = 1.0
+    left, values, _ = np.linalg.svd(J / size, full_matrices=False)
+    basis = left[:, values > 1e-9 * values[0]]
+    flat = columns.reshape(-1, columns.shape[2])
+    return (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
+
+
+def effect_column(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> np.ndarray:
+    """Return the change of the whitened output per full strength of one effect, (W, T)."""
+    effects = (*fit.model.effects, placed)
+    strength = [*[1.0] * len(fit.model.effects), TANGENT]
+    moved = problem.run(fit.model._replace(effects=effects), strength)
+    return np.nan_to_num(problem.whiten(moved.y - base.y) / TANGENT, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[np.ndarray, int]:
+    """Return what is left of the residual, (W, T), when the bank's best columns are fitted freely.
+
+    Named right or wrong, they take the structure out; what remains shows the noise. Also returned is how
+    many columns were used.
+    """
+    plain, gram, use = bank.plain, bank.gram, bank.useful.copy()
+    chosen: list[int] = []
+    left = float(np.einsum("wt,wt->", bank.residual, bank.residual))
+    for _ in range(n_columns):
+        rest, length = _after(plain, gram, chosen)
+        worth = np.where(use & (length > 1e-6 * np.diag(gram)), rest**2 / np.maximum(length, 1e-300), 0.0)
+        worth[chosen] = 0.0
+        j = int(np.argmax(worth)) if worth.size else 0
+        # a column must earn more than noise gives the best of them by chance
+        if not worth.size or worth[j] <= 2 * np.log(max(use.sum(), 2)) * left / max(n_samples, 1):
+            break
+        chosen.append(j)
+        left = max(left - worth[j], 0.0)
+    if not chosen:
+        return bank.residual, 0
+    matrix = bank.columns[:, :, chosen]
+    flat = matrix.reshape(-1, len(chosen))
+    size = np.linalg.norm(flat, axis=0)
+    solution = np.linalg.lstsq(flat / size, bank.residual.ravel(), rcond=1e-9)[0]
+    return bank.residual - (matrix / size) @ solution, len(chosen)
+
+
+def _after(plain, gram, chosen):
+    """Return inner products and squared lengths after the chosen columns are projected out."""
+    if not chosen:
+        return plain, np.diag(gram).copy()
+    inverse = np.linalg.pinv(gram[np.ix_(chosen, chosen)], hermitian=True)
+    cross = gram[:, chosen]
+    return plain - cross @ inverse @ plain[chosen], np.diag(gram) - np.einsum(
+        "ij,jk,ik->i", cross, inverse, cross
+    )

@@ -1,0 +1,294 @@
+"""Mistakes in a record that would be sold as physics: found before the diagnosis begins."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.mistakes import (
+    DECISIVE,
+    OFFSET_LIMIT,
+    SCALE_RANGE,
+    Agreement,
+    Case,
+    Mistake,
+    agreement,
+    find_mistakes,
+    make_case,
+)
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.windows import slowest_time_constant
+
+TIME_CONSTANTS = 4.0  # a window's length; a session should hold one
+SAMPLES_A_NUMBER = 10  # samples for each number that is fitted, at least
+REST = 1e-9  # relative spread below which a signal counts as constant
+HELD_RUN = 10  # equal rows in a row that count as rest and not as duplicated samples
+SUSPICIOUS_SHARE = 0.005  # of the samples
+SUSPICIOUS_COUNT = 5
+DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
+KNOWN_RATIOS = {
+    1e3: "as between a unit and its thousandth (m and mm)",
+    1e6: "as between a unit and its millionth (m and um)",
+    100.0: "as between a unit and its hundredth, or a fraction and per cent",
+    180 / np.pi: "as between radians and degrees",
+}
+
+
+@dataclass(frozen=True)
+class DataFinding:
+    """Something about a record that is no physics.
+
+    Attributes
+    ----------
+    code : str
+        ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``,
+        ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"units"``.
+    sentence : str
+        What was seen, with the number, and what to do.
+    evidence : mapping of {str: value}
+        The numbers.
+    """
+
+    code: str
+    sentence: str
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def check_record(simulator: Simulator, u, y, sessions=None) -> tuple[DataFinding, ...]:
+    """Look for mistakes in a record before physics is looked for.
+
+    Counts tell of samples that are too few, constant, repeated or clipped. The other mistakes (wrong
+    sampling period, swapped, shifted or sign-flipped columns, other units) are undone on trial: each is
+    believed only if the simulator, refitted within 45 % of its nominal parameters and with free initial
+    states, then leaves at most a quarter of the error variance that it leaves otherwise, in four windows of
+    five. A wrong parameter or a missing piece of physics does not do that.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The simulation as it stands.
+    u : array-like of shape (n_samples, n_inputs)
+        Measured inputs; NaN marks gaps.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Measured outputs, in the order of the simulator's; NaN marks gaps.
+    sessions : array-like of shape (n_samples,), default=None
+        One label a sample.
+
+    Returns
+    -------
+    tuple of DataFinding
+        Empty when nothing was found.
+
+    Raises
+    ------
+    ValueError
+        If the data do not fit the simulator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy import ODESimulator, check_record
+    >>> def tank(x, u, p):
+    ...     return (p[0] * u[0] - p[1] * x[0],)
+    >>> sim = ODESimulator(tank, dt=0.1, parameters={"gain [m/s/V]": 1.0, "outflow [1/s]": 0.5},
+    ...                    states=["level [m]"], inputs=["pump [V]"])
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.uniform(-1, 1, 100), 10)
+    >>> y = 1000 * sim.simulate(u) + rng.normal(size=(1000, 1))
+    >>> [finding.code for finding in check_record(sim, u, y)]
+    ['units']
+    """
+    u, y = as_signals(u, "u"), as_signals(y, "y")
+    check_same_length(u=u, y=y, sessions=sessions)
+    for name, data, signals in (("u", u, simulator.inputs), ("y", y, simulator.outputs)):
+        if data.shape[1] != len(signals):
+            raise ValueError(
+                f"{name} has {data.shape[1]} columns, the simulator has {len(signals)}: "
+                f"{[str(s) for s in signals]}. Pass one column for each, in this order."
+            )
+    pieces = finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u))
+    found = [
+        *_short_record(simulator, u, pieces),
+        *_constant_inputs(simulator, u),
+        *_duplicated_samples(u, y, pieces),
+        *_clipped_outputs(simulator, u, y, pieces),
+    ]
+    if any(finding.code == "short_record" for finding in found):
+        return tuple(found)  # nothing can be compared
+    case = make_case(simulator, u, y, pieces)
+    if case is not None and np.nanstd(y, axis=0).min() > 0:
+        mistakes, case, last = find_mistakes(case)
+        found += [_told(simulator, mistake) for mistake in mistakes]
+        if last is not None:
+            found += _other_units(simulator, case, last)
+    return tuple(found)
+
+
+def _short_record(simulator: Simulator, u, pieces):
+    """Yield a finding if no session holds a window."""
+    longest = max((piece.stop - piece.start for piece in pieces), default=0)
+    n_numbers = int(simulator.free_states.sum()) + len(simulator.parameters) + 1
+    wanted = SAMPLES_A_NUMBER * n_numbers
+    constant = 0.0
+    if longest:
+        piece = max(pieces, key=lambda p: p.stop - p.start)
+        known = simulator.known_states(
+            u, np.zeros((u.shape[0], len(simulator.outputs))), np.array([piece.start])
+        )
+        run = simulator.run(u, Windows.whole([piece]), np.nan_to_num(known))
+        constant = slowest_time_constant(simulator, run.x[piece], u[piece]) if len(simulator.states) else 0.0
+        wanted = max(wanted, int(np.ceil(TIME_CONSTANTS * constant / simulator.dt)))
+    if longest < wanted:
+        yield DataFinding(
+            "short_record",
+            f"The longest session has {longest} samples ({longest * simulator.dt:.4g} s); a window needs "
+            f"{wanted}, for {n_numbers} numbers to fit and a slowest time constant of {constant:.4g} s. "
+            "Record longer.",
+            {"samples": longest, "wanted": wanted, "time_constant": constant},
+        )
+
+
+def _constant_inputs(simulator: Simulator, u):
+    for i, signal in enumerate(simulator.inputs):
+        values = u[np.isfinite(u[:, i]), i]
+        if values.size and np.ptp(values) <= REST * np.abs(values).max(initial=0.0):
+            yield DataFinding(
+                "constant_input",
+                f"Input {i} ({signal}) is constant at {values[0]:.6g}: what it does cannot be told from an "
+                "offset. Excite it.",
+                {"input": i, "value": float(values[0])},
+            )
+
+
+def _duplicated_samples(u, y, pieces):
+    """Yield a finding if rows repeat although the outputs are not quantised."""
+    repeated = n_seen = 0
+    for piece in pieces:
+        rows = np.column_stack([u[piece], y[piece]])
+        same = np.concatenate([[False], (rows[1:] == rows[:-1]).all(axis=1)])
+        changing = np.diff(y[piece], axis=0)
+        changing = y[piece][1:][(changing != 0).all(axis=1) & np.isfinite(changing).all(axis=1)]
+        distinct = min((np.unique(column).size for column in changing.T), default=0)
+        n_seen += same.size
+        if len(changing) and distinct >= DISTINCT * len(changing):
+            repeated += sum(b - a for a, b in _runs(same) if b - a < HELD_RUN)
+    if repeated >= max(SUSPICIOUS_COUNT, SUSPICIOUS_SHARE * n_seen):
+        yield DataFinding(
+            "duplicated_samples",
+            f"{repeated} of {n_seen} rows repeat the row before in every column, although the outputs are "
+            "not quantised: samples were doubled, or a slower record was held. Remove them or mark them NaN.",
+            {"repeated": int(repeated), "share": repeated / n_seen},
+        )
+
+
+def _clipped_outputs(simulator: Simulator, u, y, pieces):
+    """Yield a finding for each output that stands at its largest or smallest value too often."""
+    for j, signal in enumerate(simulator.outputs):
+        values = y[np.isfinite(y[:, j]), j]
+        levels, counts = np.unique(values, return_counts=True)
+        if levels.size < 3:
+            continue
+        for end, word in ((-1, "largest"), (0, "smallest")):
+            level = levels[end]
+            at_rest = sum(_opening_rest(y[piece, j], level) for piece in pieces)
+            count = int(counts[end]) - at_rest
+            enough = max(SUSPICIOUS_COUNT, SUSPICIOUS_SHARE * values.size)
+            if count >= enough and count > 5 * np.sort(counts[1:-1])[-3:].mean():
+                yield DataFinding(
+                    "clipped_output",
+                    f"{count} samples of output {j} ({signal}) stand exactly at its {word} value, "
+                    f"{level:.6g}: the sensor or the recorder clips, or the system stands at a limit. "
+                    "Mark them NaN where they are no measurement.",
+                    {"output": j, "level": float(level), "count": count, "share": count / values.size},
+                )
+
+
+def _opening_rest(column, level) -> int:
+    """Return how many samples a session stands at a level before it first moves."""
+    moved = np.flatnonzero(column != level)
+    return int(moved[0]) if moved.size else column.size
+
+
+def _runs(flags):
+    """Yield (start, stop) of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return zip(edges[::2], edges[1::2], strict=True)
+
+
+def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:
+    """Return a mistake as a finding."""
+    about = mistake.about
+    i, j = about.get("input"), about.get("output")
+    named = " and ".join(
+        f"{word} {index} ({signals[index]})"
+        for word, index, signals in (("input", i, simulator.inputs), ("output", j, simulator.outputs))
+        if index is not None
+    )
+    if mistake.code == "time_scale":
+        dt = about["factor"] * simulator.dt
+        what = (
+            f"The record runs {about['factor']:g} times as fast as the simulator: as if dt were "
+            f"{dt:.6g} s and not {simulator.dt:.6g} s. Check the sampling period"
+        )
+    elif mistake.code == "swapped":
+        what = f"{named} seem to be swapped"
+    elif mistake.code == "sign":
+        what = f"The sign of {named} seems to be reversed"
+    else:
+        samples = about["samples"]
+        late = (samples > 0) == (j is not None)
+        time = f"{abs(samples)} samples ({abs(samples) * simulator.dt:.4g} s)"
+        what = f"{named} comes {time} too {'late' if late else 'early'}: a shifted column"
+        if samples > 0:
+            what += ", or a dead time that the simulation lacks"
+    sentence = (
+        f"{what[0].upper()}{what[1:]}. Undone, the share of the output's variance that the refitted "
+        f"simulator misses falls from {mistake.before:.3g} to {mistake.after:.3g}."
+    )
+    numbers = {"before": mistake.before, "after": mistake.after, "windows_agreeing": mistake.agreeing}
+    return DataFinding(mistake.code, sentence, about | numbers)
+
+
+def _other_units(simulator: Simulator, case: Case, scaled: Agreement) -> list[DataFinding]:
+    """Return findings where only another scale or a large offset makes the output agree."""
+    plain = agreement(case, scaled=False)
+    if plain is None or not scaled.error < min(DECISIVE * plain.error, 0.5):
+        return []
+    found = []
+    for j, signal in enumerate(simulator.outputs):
+        slope, offset = float(scaled.affine.slope[j]), float(scaled.affine.offset[j])
+        spread = float(np.nanstd(case.y[:, j]))
+        facts = []
+        if not SCALE_RANGE[0] < slope < SCALE_RANGE[1]:
+            facts.append(f"{slope:.4g} times what the simulator gives{_named_ratio(slope)}")
+        if abs(offset) > OFFSET_LIMIT * spread:
+            facts.append(f"shifted by {offset:.6g}, {abs(offset) / spread:.1f} standard deviations")
+        if facts:
+            found.append(
+                DataFinding(
+                    "units",
+                    f"Output {j} ({signal}) is {' and '.join(facts)}: another unit of the output or of an "
+                    f"input, or another zero. So scaled, what is missed falls from {plain.error:.3g} to "
+                    f"{scaled.error:.3g} of the variance. Convert the column.",
+                    {
+                        "output": j,
+                        "slope": slope,
+                        "offset": offset,
+                        "before": plain.error,
+                        "after": scaled.error,
+                    },
+                )
+            )
+    return found
+
+
+def _named_ratio(slope: float) -> str:
+    """Return the change of units that a slope looks like; a gain is known to a third only."""
+    size = max(slope, 1 / slope)
+    ratio = min(KNOWN_RATIOS, key=lambda known: abs(np.log(size / known)))
+    return f", {KNOWN_RATIOS[ratio]}" if abs(np.log(size / ratio)) < np.log(1.33) else ""

@@ -1,0 +1,127 @@
+"""Is anything missing at all? A test that holds whatever the colour of the noise."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from narx_sklearn.discrepancy.bank import Bank, flexible_residual
+
+DRAWS = 4999
+BLOCK = 20  # whitened samples flipped together: what colour the autoregression leaves stays inside
+FEWEST_BLOCKS = 60
+NEIGHBOURS = 101  # ordinates of the periodogram that tell the level around a line
+A_LINE = 12.0  # times its neighbours' level: a line of the input
+WIDER = 2.0  # price of the line test beside the test over the bank
+
+
+class Detection(NamedTuple):
+    """Outcome of the test over a bank."""
+
+    statistic: np.ndarray  # (n_columns,) |t|, zero where a column says nothing
+    p_value: float  # of the largest
+    p_values: np.ndarray  # (n_columns,) adjusted for the maximum over the bank
+    line_frequency: float  # cycles a sample of the strongest line in the residual; 0 when none stands out
+
+
+def blocks_of(values: np.ndarray, n_outputs: int, length: int) -> np.ndarray:
+    """Sum (W, T, n) over blocks of whitened samples inside the windows; returns (n_blocks, n)."""
+    n_w, n_t, n = values.shape
+    by_time = values.reshape(n_w, n_t // n_outputs, n_outputs, n).sum(axis=2)
+    edges = np.arange(0, by_time.shape[1], length)
+    return np.add.reduceat(by_time, edges, axis=1).reshape(-1, n)
+
+
+def block_length(n_windows: int, n_times: int) -> int:
+    """Return the number of samples flipped together."""
+    return int(max(1, min(BLOCK, n_windows * n_times // FEWEST_BLOCKS)))
+
+
+def detect(
+    bank: Bank,
+    allowed: np.ndarray,
+    *,
+    n_outputs: int,
+    n_samples: int,
+    n_fitted: int,
+    u: np.ndarray | None = None,
+    draws: int = DRAWS,
+    random_state=None,
+) -> Detection:
+    r"""Test whether any column of the bank explains the residual.
+
+    With :math:`b` the residual, :math:`c_j` a column, both whitened and projected, and :math:`e` what is left
+    of the residual when the bank's best columns are fitted freely,
+
+    .. math:: t_j = |c_j^\top b| \Big/ \sqrt{\sum_B (c_{jB}^\top e_B)^2}
+
+    over short blocks B of samples. The variance comes from the data, so that it holds under unequal noise
+    and under the colour that the whitening leaves; taking it from :math:`e` keeps a strong effect from
+    hiding itself in its own variance. Flipping the signs of whole blocks (wild bootstrap) calibrates the
+    maximum over the bank.
+
+    Parameters
+    ----------
+    allowed : ndarray of bool of shape (n_columns,)
+        Columns that take part.
+    n_fitted : int
+        Parameters and initial states fitted, for the degrees of freedom.
+    u : ndarray of shape (W, L, n_inputs), optional
+        Inputs in the windows: a line that the input has is no disturbance.
+    """
+    noise, used = flexible_residual(bank, n_samples)
+    noise = noise * np.sqrt(n_samples / max(n_samples - n_fitted - used, 1))
+    frequency, p_line = strongest_line(bank.residual, n_outputs, u)
+    use = bank.useful & allowed
+    t = np.zeros(bank.n_columns)
+    if not use.any():
+        return Detection(t, p_line, np.ones(bank.n_columns), frequency)
+    length = block_length(*_times(bank, n_outputs))
+    products = blocks_of(bank.columns[:, :, use] * noise[:, :, None], n_outputs, length)
+    products = products[np.any(products != 0, axis=1)]
+    spread = np.sqrt(np.einsum("bj,bj->j", products, products))
+    # never less than what white noise of this size gives: a column alive in few samples has few products
+    floor = np.sqrt(np.diag(bank.gram)[use] * np.einsum("wt,wt->", noise, noise) / n_samples)
+    spread = np.maximum(spread, floor)
+    t[use] = np.abs(bank.plain[use]) / spread
+    rng = np.random.default_rng(random_state)
+    unit = products / spread
+    largest = np.empty(draws)
+    for begin in range(0, draws, 500):
+        signs = rng.choice([-1.0, 1.0], size=(min(500, draws - begin), len(unit)))
+        largest[begin : begin + len(signs)] = np.abs(signs @ unit).max(axis=1)
+    largest.sort()
+    above = draws - np.searchsorted(largest, t * (1 - 1e-9), side="left")
+    p = np.where(use, (1.0 + above) / (1.0 + draws), 1.0)
+    return Detection(t, float(min(p.min(), p_line)), p, frequency)
+
+
+def _times(bank: Bank, n_outputs: int) -> tuple[int, int]:
+    return bank.residual.shape[0], bank.residual.shape[1] // n_outputs
+
+
+def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = None) -> tuple[float, float]:
+    """Return frequency (cycles a sample) and p-value of the strongest line in a whitened residual, (W, T).
+
+    Each ordinate of the periodogram is compared with the median of its neighbours, so that a colour left by
+    the whitening is no line; the largest of n exponential ordinates gives the p-value (Fisher 1929).
+    """
+    x = residual.reshape(residual.shape[0], -1, n_outputs)[:, :, 0].ravel()
+    n = x.size
+    power = np.abs(np.fft.rfft(x))[1 : (n - 1) // 2 + 1] ** 2
+    if power.size < 2 * NEIGHBOURS or not power.sum() > 0:
+        return 0.0, 1.0
+    ratio = _over_neighbours(power)
+    for i in range(0 if u is None else u.shape[2]):
+        driving = np.abs(np.fft.rfft(u[:, :, i].ravel(), n))[1 : (n - 1) // 2 + 1] ** 2
+        near = maximum_filter1d(_over_neighbours(driving), 5)
+        ratio = np.where(near > A_LINE, 0.0, ratio)
+    i = int(np.argmax(ratio))
+    p = -np.expm1(power.size * np.log1p(-np.exp(-min(ratio[i], 700.0))))
+    return float((i + 1) / n), float(min(1.0, WIDER * max(p, 1e-16)))
+
+
+def _over_neighbours(power: np.ndarray) -> np.ndarray:
+    """Return the ordinates of a periodogram over their local level (their mean, told from the median)."""
+    level = median_filter(power, size=NEIGHBOURS, mode="nearest") / np.log(2)
+    return power / np.maximum(level, 1e-300)

@@ -1,0 +1,246 @@
+"""The chain of a diagnosis: refit, test, name, decide."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.explain import (
+    FINE,
+    Candidate,
+    Step,
+    gains,
+    look_alikes,
+    refit_leaders,
+    search,
+    test,
+)
+from narx_sklearn.discrepancy.generic import CODE, curve_hypotheses
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.inference import parameters_moved
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
+from narx_sklearn.discrepancy.structure import Structure, find_structure
+from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
+
+UNEXPLAINED = 0.15  # share of what could be explained that a named set may leave to an unnamed curve
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that was found on the fitting windows."""
+
+    verdict: str
+    problem: Problem
+    structure: Structure
+    nominal: Fit  # initial states only
+    refitted: Fit
+    best: Candidate  # the set chosen, empty when nothing is missing
+    alternatives: tuple[
+        tuple[Candidate, ...], ...
+    ]  # for each effect of the set, what could stand in its place
+    p_missing: float
+    p_moved: float
+    steps: tuple[Step, ...]
+    unnamed: Candidate | None  # the best curve without a name, when it was tried
+    time_constant: float
+
+    @property
+    def base_run(self) -> Run:
+        """Run of the refitted simulator over the windows."""
+        return self.problem.run(self.refitted.model)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a diagnosis is asked to do."""
+
+    effects: tuple
+    alpha: float
+    max_effects: int
+    n_leaders: int
+    window: int | None
+    random_state: Any
+    n_jobs: int | None
+    tell: Callable[[str], None]
+
+
+def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Diagnose a simulator on the given pieces of a record.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
+    whole = Windows.whole([piece for piece, _ in pieces])
+    known = simulator.known_states(u, y, whole.first)
+    x = simulator.run(u, whole, np.where(np.isfinite(known), known, 0.0)).x
+    inside = np.isfinite(x).all(axis=1)
+    structure = find_structure(simulator, x[inside], u[inside])
+    pace = find_pace(simulator, x[inside], u[inside])
+    n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
+    length = settings.window or window_length(simulator, pace, n_samples)
+    shortest = 4 * (int(simulator.free_states.sum()) + 1)
+    windows = cut(pieces, length, shortest)
+    if not windows.count:
+        raise ValueError(
+            f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
+            "Pass a longer record."
+        )
+    spread = np.nanstd(y, axis=0)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
+    settings.tell("fit of the simulator's own parameters")
+    nominal = fit_initial_states(problem, guess_states(simulator, u, y, windows, structure, x))
+    refitted = fit(problem, nominal.model)
+    problem = problem.with_noise(Noise.white(_left_over(problem, refitted.residual)))
+    refitted = fit(problem, refitted.model, iterations=2)
+    settings.tell("colour of the noise")
+    bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
+    residual, _ = flexible_residual(bank, problem.n_seen)
+    residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
+    problem = problem.with_noise(estimate_noise(residual, problem.seen))
+    refitted = fit(problem, refitted.model)
+    nominal = fit_initial_states(problem, nominal.model.x0)
+    settings.tell("search for missing physics")
+    steps = search(
+        problem,
+        refitted,
+        lambda found: _hypotheses(problem, found, structure, settings),
+        alpha=settings.alpha,
+        max_effects=settings.max_effects,
+        n_leaders=settings.n_leaders,
+        random_state=settings.random_state,
+        n_jobs=settings.n_jobs,
+    )
+    p_missing = steps[0].detection.p_value
+    nothing = Candidate(refitted, problem.n_seen)
+    pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+    p_moved = parameters_moved(problem, nominal, settings.random_state)
+    if p_missing > settings.alpha or not pool:
+        verdict = "refit" if p_moved <= settings.alpha else "consistent"
+        return Diagnosis(
+            verdict,
+            problem,
+            structure,
+            nominal,
+            refitted,
+            nothing,
+            (),
+            p_missing,
+            p_moved,
+            tuple(steps),
+            None,
+            pace.time_constant,
+        )
+    settings.tell("rivals and unnamed curves")
+    best = _converged(problem, pool[0])
+    alternatives = _alternatives(problem, best, pool)
+    unnamed = _unnamed(problem, refitted, structure, settings)
+    leftover = _leftover(problem, best, structure, settings)
+    verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
+    return Diagnosis(
+        verdict,
+        problem,
+        structure,
+        nominal,
+        refitted,
+        best,
+        alternatives,
+        p_missing,
+        p_moved,
+        tuple(steps),
+        unnamed,
+        pace.time_constant,
+    )
+
+
+def _left_over(problem: Problem, residual: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of the residual of each output."""
+    r = residual.reshape(problem.seen.shape) * problem.noise.sigma
+    counts = problem.seen.sum(axis=(0, 1))
+    sigma = np.sqrt((r**2).sum(axis=(0, 1)) / np.maximum(counts, 1))
+    return np.maximum(sigma, 1e-12 * np.maximum(problem.noise.sigma, 1e-300))
+
+
+def _hypotheses(problem: Problem, found: Fit, structure: Structure, settings: Settings):
+    return enumerate_hypotheses(settings.effects, problem, found.model, problem.run(found.model), structure)
+
+
+def _converged(problem: Problem, candidate: Candidate) -> Candidate:
+    return Candidate(fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7), candidate.n_samples)
+
+
+def _alternatives(
+    problem: Problem, best: Candidate, pool: list[Candidate]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """Return for each effect of the set the candidates in which another stands in its place, not clearly worse."""
+    singles = [c.effects[0] for c in pool if len(c.effects) == 1]
+    found = []
+    for i, effect in enumerate(best.effects):
+        others = [e for j, e in enumerate(best.effects) if j != i]
+        kept = {e.place for e in others}
+        rivals = [
+            c
+            for c in pool
+            if len(c.effects) == len(best.effects)
+            and kept <= {e.place for e in c.effects}
+            and effect.place not in {e.place for e in c.effects}
+        ]
+        if others and not rivals:
+            start = best.fit.model
+            for single in [s for s in singles if s.place not in {effect.place, *kept}][:3]:
+                model = start._replace(effects=(*others, single))
+                rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+        found.append(
+            tuple(look_alikes(best, sorted(rivals, key=lambda c: c.criterion), problem.y.shape[1])[1:])
+        )
+    return tuple(found)
+
+
+def _unnamed(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Candidate | None:
+    """Return the best broken line at any port, on top of the refitted simulator."""
+    run = problem.run(refitted.model)
+    rows = problem.rows[problem.inside]
+    curves = curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+    found = refit_leaders(problem, refitted, [c.placed for c in curves], settings.n_jobs)
+    return found[0] if found else None
+
+
+def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):
+    """Return the test of what the named set leaves, and the gain of the best further column or curve."""
+    run = problem.run(best.fit.model)
+    rows = problem.rows[problem.inside]
+    curves = curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+    taken = {effect.place for effect in best.effects}
+    named = [h for h in _hypotheses(problem, best.fit, structure, settings) if h.placed.place not in taken]
+    bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
+    is_curve = np.array([bank.hypotheses[h].placed.effect.code == CODE for h in bank.owner])
+    gain = gains(bank).gain
+    detection = test(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
+    curve_gain = 0.0
+    for h in set(bank.owner[is_curve]):
+        columns = np.flatnonzero(bank.owner == h)
+        G, b = bank.gram[np.ix_(columns, columns)], bank.plain[columns]
+        curve_gain = max(curve_gain, float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b))
+    named_gain = float(np.where(is_curve, 0.0, gain).max(initial=0.0))
+    return detection.p_value, max(curve_gain, named_gain)
+
+
+def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
+    """Return explained, ambiguous or unknown."""
+    taken_off = refitted.cost - best.fit.cost
+    p_left, could_take = leftover
+    rest = could_take - 10 * best.fit.cost / best.n_samples  # what a curve takes off pure noise
+    if p_left <= alpha and rest > UNEXPLAINED * (taken_off + rest):
+        return "unknown"
+    if unnamed is not None and unnamed.criterion < best.criterion:
+        more = best.fit.cost - unnamed.fit.cost
+        if more > UNEXPLAINED * (refitted.cost - unnamed.fit.cost):
+            return "unknown"
+    return "ambiguous" if any(alternatives) else "explained"

@@ -1,0 +1,208 @@
+"""User's functions as the kernel takes them: ``(x, u, p, written)``, compiled where numba can."""
+
+import warnings
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numba import njit, objmode
+from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
+
+from narx_sklearn.discrepancy.kernels import EQUATION
+from narx_sklearn.exceptions import NarxWarning
+
+KEPT = 128  # compiled functions remembered
+# What compiled arithmetic answers with inf or NaN raises in Python; the run ends there in the same way.
+UNDEFINED = ("math domain error", "math range error", "expected a ")
+
+_compiled: dict[Any, Any] = {}
+
+
+@lru_cache(maxsize=KEPT)
+def picker(indices: tuple[int, ...]):
+    """Return the compiled output that measures these states."""
+    chosen = np.array(indices, dtype=np.int64)
+
+    def measure(x, u, p, written):
+        for i in range(chosen.size):
+            written[i] = x[chosen[i]]
+
+    return _fixed(measure)
+
+
+def compiled(function: Callable, n: int):
+    """Return the user's function of ``n`` values as ``(x, u, p, written)``, compiled where numba can.
+
+    Compiled functions are remembered by what they compute, not by which object they are: a copy that came
+    through pickle to a worker, or a notebook cell run again, is not compiled again.
+    """
+    key = (_identity(function), n)
+    if key not in _compiled:
+        while len(_compiled) >= KEPT:
+            _compiled.pop(next(iter(_compiled)), None)
+        _compiled[key] = _compile(function, n)
+    return _compiled[key]
+
+
+def _identity(function: Callable):
+    """Return what tells functions apart: code, defaults, enclosed and global values; or the object."""
+    if not isinstance(function, FunctionType):
+        return function if _is_hashable(function) else _Same(function)
+    enclosed = tuple(cell.cell_contents for cell in function.__closure__ or ())
+    known = function.__globals__
+    used = tuple((name, known[name]) for name in function.__code__.co_names if name in known)
+    values = (function.__defaults__, enclosed, used)
+    identity = (function.__code__, values, _types(values))
+    return identity if _is_hashable(identity) else function
+
+
+class _Same:
+    """An object that is equal to itself alone, for keys of unhashable callables."""
+
+    def __init__(self, held):
+        self.held = held
+
+    def __eq__(self, other):
+        return isinstance(other, _Same) and self.held is other.held
+
+    def __hash__(self):
+        return id(self.held)
+
+
+def _types(values):
+    """Return the types in nested tuples, for 1, 1.0 and True are equal as keys but not as code."""
+    return tuple(map(_types, values)) if isinstance(values, tuple) else type(values)
+
+
+def _is_hashable(value) -> bool:
+    try:
+        hash(value)
+    except TypeError:
+        return False
+    return True
+
+
+def _compile(function: Callable, n: int):
+    reason = "it is no plain function"
+    if isinstance(function, FunctionType) or hasattr(function, "py_func"):
+        for lines in _assignments(n):
+            source = f"def write(x, u, p, written):\n    values = inner(x, u, p)\n    {lines}"
+            try:
+                return _fixed(_executed(source, {}, {"inner": function}))
+            except (NumbaError, UnsupportedBytecodeError) as error:
+                reason = _first_line(error)
+
+    def write(x, u, p, written):
+        written[:] = np.asarray(function(x, u, p), dtype=float).reshape(n)
+
+    _warn_of_price(getattr(function, "__name__", type(function).__name__), reason, stacklevel=6)
+    return _interpreted(write)
+
+
+def compiled_source(source: str, values: Mapping[str, Any], functions: Mapping[str, Callable], title: str):
+    """Return ``write(x, u, p, written)`` from its source text, compiled, or Python behind the same face.
+
+    Parameters
+    ----------
+    source : str
+        Definition of ``write``.
+    values : mapping
+        Constants and compiled functions that it uses, by name.
+    functions : mapping
+        User's functions that it calls with numbers, by name.
+    title : str
+        What it is, for the warning when it does not compile.
+    """
+    try:
+        return _fixed(_executed(source, values, functions))
+    except (NumbaError, UnsupportedBytecodeError) as error:
+        _warn_of_price(title, _first_line(error), stacklevel=7)
+    space = {**values, **functions}
+    exec(source, space)
+    return _interpreted(space["write"])
+
+
+def with_parameters_fixed(equation, parameters: np.ndarray):
+    """Return a compiled ``(x, u, p, written)`` that puts these values in the place of ``p``."""
+    return _fixed_parameters(equation, tuple(float(value) for value in parameters))
+
+
+@lru_cache(maxsize=KEPT)
+def _fixed_parameters(equation, parameters: tuple[float, ...]):
+    values = np.array(parameters)
+
+    def write(x, u, p, written):
+        equation(x, u, values.copy(), written)
+
+    return _fixed(write)
+
+
+def _executed(source: str, values: Mapping[str, Any], functions: Mapping[str, Callable]) -> Callable:
+    """Return ``write`` from its source text, round the user's functions compiled."""
+    space = {**values, **{name: _jitted(function) for name, function in functions.items()}}
+    exec(source, space)
+    return space["write"]
+
+
+def _jitted(function: Callable):
+    if not isinstance(function, FunctionType):
+        return function  # compiled already, or known to numba
+    # bounds are checked: an index past the end would otherwise read whatever lies there
+    return njit(error_model="numpy", nogil=True, boundscheck=True)(function)
+
+
+def _assignments(n: int):
+    """Yield the ways in which a function's values are written: as a sequence, or as a bare number."""
+    yield "; ".join(f"written[{i}] = values[{i}]" for i in range(n)) or "pass"
+    if n == 1:
+        yield "written[0] = values"
+
+
+def _warn_of_price(title: str, reason: str, stacklevel: int) -> None:
+    warnings.warn(
+        f"{title} could not be compiled ({reason}), so it runs as Python, hundreds of times slower. Plain "
+        "arithmetic, math and numpy functions of scalars compile.",
+        NarxWarning,
+        stacklevel=stacklevel,
+    )
+
+
+def _first_line(error: Exception) -> str:
+    """Return the line of a compiler's message that says what it did not like."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    telling = [line for line in lines if not line.startswith(("Failed in", "During", "[", "File", "<"))]
+    return (telling or lines or [type(error).__name__])[0]
+
+
+def _interpreted(function: Callable):
+    """Return a Python ``write`` behind the compiled face; undefined arithmetic gives NaN, as compiled."""
+
+    def fill(x, u, p, written):
+        try:
+            function(x, u, p, written)
+        except ArithmeticError:
+            written[:] = np.nan
+        except ValueError as error:
+            if not str(error).startswith(UNDEFINED):
+                raise
+            written[:] = np.nan
+
+    def write(x, u, p, written):
+        with objmode():
+            fill(x, u, p, written)
+
+    result = _fixed(write)
+    result.runs_python = True
+    return result
+
+
+def _fixed(function: Callable):
+    """Return the function compiled for the one signature the kernel knows.
+
+    Not kept on disk: numba would not notice that something the user's function calls has changed.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NumbaWarning)
+        return njit(EQUATION, error_model="numpy", nogil=True)(function)

@@ -1,0 +1,230 @@
+"""Which input would separate what these data cannot: the next experiment, and how alike effects look."""
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from narx_sklearn.discrepancy.bank import effect_column
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut, find_pace
+from narx_sklearn.signals import loading_unloading, multisine
+
+RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
+
+
+class Experiment(NamedTuple):
+    """A proposed input and what it would show.
+
+    Attributes
+    ----------
+    u : ndarray of shape (n_samples, n_inputs)
+        The input, within the limits asked for.
+    kind : str
+        What it is, in words.
+    separation : float
+        Distance of the worst pair in standard deviations of the noise, after everything else was refitted.
+    chance : float
+        Chance that the worst pair is then told apart.
+    table : DataFrame
+        All designs tried, by separation.
+    pairs : tuple of str
+        The pairs it separates.
+    """
+
+    u: np.ndarray
+    kind: str
+    separation: float
+    chance: float
+    table: pd.DataFrame
+    pairs: tuple[str, ...]
+
+
+def design_experiment(
+    simulators: dict[str, Simulator],
+    *,
+    noise: Noise,
+    amplitude: float,
+    n_samples: int,
+    offset: float = 0.0,
+    rate: float | None = None,
+    column: int = 0,
+    held: np.ndarray | None = None,
+    random_state=None,
+) -> Experiment:
+    """Return the input that best separates rival simulators.
+
+    Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
+    refitted to the other's output (to first order), over the noise; the design with the largest distance of
+    its worst pair wins.
+
+    Parameters
+    ----------
+    simulators : dict of {str: Simulator}
+        At least two fitted rivals, with their effects.
+    noise : Noise
+        Noise of the measurement.
+    amplitude, offset : float
+        The input stays within ``offset - amplitude`` and ``offset + amplitude``.
+    n_samples : int
+        Length of the experiment.
+    rate : float, optional
+        Largest change of the input in one second.
+    column : int, default=0
+        The input that is moved; the others stay at ``held`` (zero).
+    """
+    if len(simulators) < 2:
+        raise ValueError(f"At least two rivals are needed, got {list(simulators)}.")
+    if not amplitude > 0:
+        raise ValueError(f"amplitude must be positive, got {amplitude!r}.")
+    some = next(iter(simulators.values()))
+    base = np.zeros(len(some.inputs)) if held is None else np.asarray(held, dtype=float)
+    rows, best = [], None
+    for kind, shape in _designs(some, n_samples, random_state):
+        signal = _limited(amplitude * shape, rate, some.dt) + offset
+        u = np.tile(base, (n_samples, 1))
+        u[:, column] = signal
+        distances = {}
+        for a, b in combinations(simulators, 2):
+            there = _distance(simulators[a], simulators[b], u, noise)
+            back = _distance(simulators[b], simulators[a], u, noise)
+            distances[f"{a} / {b}"] = min(there, back)
+        worst = min(distances.values())
+        rows.append({"design": kind, "separation": worst, "chance": chance(worst), **distances})
+        if best is None or worst > best[0]:
+            best = (worst, kind, u)
+    table = pd.DataFrame(rows).sort_values("separation", ascending=False, ignore_index=True)
+    worst, kind, u = best
+    return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
+
+
+def chance(separation: float) -> float:
+    """Return the chance that two rivals at this distance are told apart at the 5 % level."""
+    return float(norm.cdf(separation / 2 - norm.ppf(0.95) / 2)) if np.isfinite(separation) else 1.0
+
+
+def _designs(simulator: Simulator, n: int, random_state):
+    """Yield (words, signal within -1 and 1): slow and fast, small and large, with and without steps."""
+    dt = simulator.dt
+    rng = np.random.default_rng(random_state)
+    with np.errstate(all="ignore"):
+        constant = find_pace(
+            simulator, np.zeros((1, len(simulator.states))), np.zeros((1, len(simulator.inputs)))
+        ).time_constant
+    corner = 1 / (2 * np.pi * constant) if constant > 0 else 20 / (n * dt)
+    ladder = np.repeat([0.1, 0.25, 0.5, 1.0], -(-n // 4))[:n]
+    for factor in (0.3, 1.0, 3.0, 10.0):
+        top = min(factor * corner, 0.4 / dt)
+        low = 2 / (n * dt)
+        if top <= 1.5 * low:
+            continue
+        wave = multisine(n, dt, band=(low, top), random_state=int(rng.integers(2**31)))
+        wave = wave / np.max(np.abs(wave))
+        yield f"multisine up to {top:.3g} Hz", wave
+        yield f"multisine up to {top:.3g} Hz, amplitude in four steps", wave * ladder
+        hold = max(2, int(0.25 / (top * dt)))
+        steps = np.repeat(rng.uniform(-1, 1, -(-n // hold)), hold)[:n]
+        yield f"random steps held {hold * dt:.3g} s", steps
+        yield f"random steps held {hold * dt:.3g} s, amplitude in four steps", steps * ladder
+        sine = np.sin(2 * np.pi * top / 3 * dt * np.arange(n))
+        yield f"sine of {top / 3:.3g} Hz, amplitude in four steps", sine * ladder
+    for turns in (4, 12):
+        branch = max(2, n // (2 * turns))
+        triangle = loading_unloading([-1.0, 1.0], branch, n_periods=turns + 1)
+        triangle = np.asarray(getattr(triangle, "u", triangle), dtype=float)[:n]
+        if triangle.size == n:
+            yield f"slow triangle, {turns} times up and down", triangle
+            yield f"slow triangle, {turns} times, amplitude in four steps", triangle * ladder
+
+
+def _limited(signal: np.ndarray, rate: float | None, dt: float) -> np.ndarray:
+    if rate is None:
+        return signal
+    out = signal.copy()
+    for k in range(1, out.size):
+        out[k] = out[k - 1] + np.clip(signal[k] - out[k - 1], -rate * dt, rate * dt)
+    return out
+
+
+def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, noise: Noise) -> float:
+    """Return how far the rival, refitted, stays from the truth's output, in noise standard deviations."""
+    windows = Windows.whole([slice(0, len(u))])
+    x0 = np.zeros((1, len(truth.states)))
+    y = truth.run(u, windows, x0).y
+    if not np.all(np.isfinite(y)):
+        return 0.0
+    problem = Problem(rival, u, y, windows, noise)
+    model = Model(rival.nominal, rival.effects, x0)
+    cost = fit(problem, model, iterations=6).cost
+    return float(np.sqrt(cost)) if np.isfinite(cost) else 0.0
+
+
+def confusability(
+    simulator: Simulator, X, *, effects, noise: float, n_windows: int = 24
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tell, before any measurement, which effects an input can show and which look alike under it.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The simulation as it stands.
+    X : ndarray of shape (n_samples, n_inputs)
+        The input that will be used.
+    effects : sequence of Effect
+        What might be missing.
+    noise : float
+        Standard deviation of the measurement noise, in the output's unit.
+
+    Returns
+    -------
+    angles : DataFrame
+        Angle in degrees between every two effects' columns, after the simulator's own parameters and initial
+        states are projected out; near 0 they cannot be told apart.
+    visible : DataFrame
+        For each effect its smallest size that is found with good chance, as a share of an ordinary size.
+    """
+    u = np.ascontiguousarray(X, dtype=float).reshape(len(X), -1)
+    whole = Windows.whole([slice(0, len(u))])
+    run = simulator.run(u, whole, np.zeros((1, len(simulator.states))))
+    structure = find_structure(simulator, run.x, u)
+    windows = cut([(slice(0, len(u)), 0)], max(8, len(u) // n_windows), 4)
+    n_outputs = len(simulator.outputs)
+    problem = Problem(simulator, u, run.y, windows, Noise.white(np.full(n_outputs, float(noise))))
+    base = fit(problem, Model(simulator.nominal, simulator.effects, run.x[windows.first]), iterations=0)
+    hypotheses = enumerate_hypotheses(effects, problem, base.model, run, structure)
+    names, columns = [], []
+    flat = base.jacobian.reshape(-1, base.jacobian.shape[2])
+    basis = (
+        np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))[0] if flat.shape[1] else flat
+    )
+    for hypothesis in hypotheses:
+        best = None
+        for start in hypothesis.starts:
+            column = base.projector(effect_column(problem, base, run, hypothesis.placed.at(start))).ravel()
+            column = column - basis @ (basis.T @ column)
+            length = float(np.linalg.norm(column))
+            if best is None or length > best[0]:
+                best = (length, column)
+        if best is not None and best[0] > 0:
+            names.append(
+                f"{hypothesis.placed.effect.code} at {hypothesis.placed.port} ({hypothesis.placed.argument_name})"
+            )
+            columns.append(best)
+    unit = np.array([column / length for length, column in columns])
+    cosine = np.clip(np.abs(unit @ unit.T), 0, 1) if len(unit) else np.zeros((0, 0))
+    angles = pd.DataFrame(np.degrees(np.arccos(cosine)), index=names, columns=names)
+    visible = pd.DataFrame(
+        {
+            "separation": [length for length, _ in columns],
+            "smallest_share": [RESOLVED / length for length, _ in columns],
+        },
+        index=pd.Index(names, name="effect"),
+    )
+    return angles, visible

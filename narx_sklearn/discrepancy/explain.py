@@ -1,0 +1,234 @@
+"""Which physics is missing: order the bank, refit the leaders, add one effect after another."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
+from narx_sklearn.discrepancy.detect import Detection, block_length, blocks_of, detect
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+
+ROUGH = 3  # iterations of a leader's first refit
+FINE = 20  # iterations that bring a leader to convergence
+FINALISTS = 5  # leaders taken to convergence
+BEAM = 2  # sets of effects carried to the next depth
+CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
+ALIKE = 2.0  # difference of the criterion that says nothing
+DEARER = 6.0  # difference of the criterion by which more parameters must not fail to pay
+CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
+
+
+class Gains(NamedTuple):
+    """What each column would take off the cost at its best strength."""
+
+    gain: np.ndarray  # (n_columns,) zero where the sign is not physical
+    strength: np.ndarray  # (n_columns,)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects, fitted."""
+
+    fit: Fit
+    n_samples: int
+
+    @property
+    def effects(self) -> tuple[PlacedEffect, ...]:
+        """The effects, with their fitted parameters."""
+        return self.fit.model.effects
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of global parameters."""
+        return self.fit.model.q.size
+
+    @property
+    def criterion(self) -> float:
+        """Criterion of Hannan and Quinn (1979) of the whitened residual, and the price of BIC once an effect.
+
+        Whether an effect is there was tested; among effects with different numbers of parameters the milder
+        price of the former decides, since their shapes are fitted within narrow physical ranges.
+        """
+        n = self.n_samples
+        price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
+        return n * np.log(max(self.fit.cost, 1e-300) / n) + price
+
+
+class Step(NamedTuple):
+    """One depth of the search: the test before it, and the candidates that came of it, best first."""
+
+    detection: Detection
+    bank: Bank
+    candidates: list[Candidate]
+
+
+def gains(bank: Bank) -> Gains:
+    """Return each column's gain, physical signs respected."""
+    length = np.diag(bank.gram)
+    safe = np.where(bank.useful & (length > 0), length, 1.0)
+    strength = np.where(bank.useful, bank.plain / safe, 0.0)
+    gain = np.where(bank.useful, bank.plain**2 / safe, 0.0)
+    for j, (h, s) in enumerate(zip(bank.owner, bank.start, strict=True)):
+        placed = bank.hypotheses[h].placed
+        if not _physical(placed, bank.hypotheses[h].starts[s], strength[j]):
+            gain[j] = 0.0
+    return Gains(gain, strength)
+
+
+def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
+    amplitude = placed.effect.amplitude
+    if amplitude is None:
+        return strength > 0
+    value = start[amplitude] * strength
+    lower, upper = placed.bounds[amplitude]
+    return lower <= value <= upper and value != 0
+
+
+def leaders(bank: Bank, n: int) -> list[PlacedEffect]:
+    """Return the hypotheses with the largest gains, one start each, scaled to their best strength."""
+    gain, strength = gains(bank)
+    best: dict[int, int] = {}
+    for j in np.argsort(-gain, kind="stable"):
+        if gain[j] <= 0:
+            break
+        best.setdefault(int(bank.owner[j]), int(j))
+    found = []
+    for h, j in list(best.items())[:n]:
+        hypothesis = bank.hypotheses[h]
+        theta = hypothesis.starts[bank.start[j]].copy()
+        if hypothesis.placed.effect.amplitude is not None:
+            theta[hypothesis.placed.effect.amplitude] *= strength[j]
+        bounds = hypothesis.placed.bounds
+        found.append(hypothesis.placed.at(np.clip(theta, bounds[:, 0], bounds[:, 1])))
+    return found
+
+
+def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None) -> list[Candidate]:
+    """Fit each leader together with everything that is in the model already; best first.
+
+    All get a few iterations, the better ones are then taken to convergence.
+    """
+
+    def refitted(model, iterations: int) -> Candidate:
+        return Candidate(fit(problem, model, iterations=iterations), problem.n_seen)
+
+    def round_of(models, iterations: int) -> list[Candidate]:
+        found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(refitted)(m, iterations) for m in models)
+        return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
+
+    starts = [base.model._replace(effects=(*base.model.effects, effect)) for effect in placed]
+    rough = round_of(starts, ROUGH)
+    return sorted(
+        round_of([c.fit.model for c in rough[:FINALISTS]], FINE) + rough[FINALISTS:],
+        key=lambda c: c.criterion,
+    )
+
+
+def search(
+    problem: Problem,
+    base: Fit,
+    make_hypotheses,
+    *,
+    alpha: float,
+    max_effects: int,
+    n_leaders: int,
+    random_state=None,
+    n_jobs=None,
+) -> list[Step]:
+    """Add effects one after another while the test finds something left; return the steps taken.
+
+    The best few sets of each depth are carried on, since one effect can mask another, and every set found is
+    tried without each of its older members.
+    """
+    beam = [Candidate(base, problem.n_seen)]
+    steps: list[Step] = []
+    for _ in range(max_effects + 1):
+        pool: list[Candidate] = []
+        for rank, candidate in enumerate(beam):
+            taken = {effect.place for effect in candidate.effects}
+            hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
+            bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
+            detection = test(problem, candidate.fit, bank, random_state)
+            if rank == 0:
+                steps.append(Step(detection, bank, pool))
+                if detection.p_value > alpha or len(candidate.effects) >= max_effects:
+                    return steps
+            found = refit_leaders(problem, candidate.fit, leaders(bank, n_leaders), n_jobs=n_jobs)
+            pool += [c for c in found if c.criterion < candidate.criterion]
+        pool.sort(key=lambda c: c.criterion)
+        if pool and pool[0].effects[:-1]:
+            pool += without_each(problem, pool[0])
+            pool.sort(key=lambda c: c.criterion)
+        if not pool or pool[0].criterion >= beam[0].criterion:
+            break
+        beam = pool[:BEAM]
+    return steps
+
+
+def test(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
+    """Test a bank whose columns act in their physical sense (or those ``allowed``)."""
+    blind = np.array(
+        [
+            tuned is None or not tuned[s]
+            for tuned, s in ((bank.hypotheses[h].tuned, s) for h, s in _pairs(bank))
+        ],
+        dtype=bool,
+    )
+    return detect(
+        bank,
+        blind & (gains(bank).gain > 0 if allowed is None else allowed),
+        u=_driving(problem),
+        n_outputs=problem.y.shape[1],
+        n_samples=problem.n_seen,
+        n_fitted=base.model.q.size + int(problem.simulator.free_states.sum()) * problem.windows.count,
+        random_state=random_state,
+    )
+
+
+def _pairs(bank: Bank):
+    return zip(bank.owner, bank.start, strict=True)
+
+
+def _driving(problem: Problem) -> np.ndarray:
+    """Return the inputs in the windows, (W, L, n_inputs), zero where padded."""
+    return np.where(problem.inside[:, :, None], problem.u[problem.rows], 0.0)
+
+
+def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
+    """Return the set fitted without each of its members but the last."""
+    found = []
+    for i in range(len(candidate.effects) - 1):
+        effects = tuple(e for j, e in enumerate(candidate.effects) if j != i)
+        reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
+        found.append(Candidate(reduced, candidate.n_samples))
+    return found
+
+
+def look_alikes(
+    best: Candidate, others: list[Candidate], n_outputs: int, level: float = CLEARLY
+) -> list[Candidate]:
+    """Return the candidates that are not clearly worse than the best, the best first.
+
+    A rival is clearly worse when its residual goes along with what the best would change in it: the score
+    of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
+    parameters projected out, with a variance from short blocks.
+    """
+    kept = [best]
+    noise = best.fit.residual
+    length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
+    for other in others:
+        behind = other.criterion - best.criterion
+        if behind > CERTAIN or (behind > DEARER and other.n_parameters > best.n_parameters):
+            continue
+        change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
+        products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
+        score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
+        size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * best.fit.cost / best.n_samples
+        spread = np.sqrt(max(np.sum(products**2), size))
+        if other.criterion <= best.criterion + ALIKE or score < level * spread:
+            kept.append(other)
+    return kept

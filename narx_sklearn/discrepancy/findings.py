@@ -1,0 +1,102 @@
+"""From fitted effects to findings in words and units."""
+
+from narx_sklearn.discrepancy.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.generic import CODE
+from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.results import Finding
+from narx_sklearn.discrepancy.simulator import Simulator
+
+
+def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> list[Finding]:
+    """Return the findings of a diagnosis, in the order in which the effects were found."""
+    best, base = diagnosis.best, diagnosis.refitted
+    if not best.effects:
+        return []
+    if diagnosis.verdict == "unknown" and diagnosis.unnamed is not None:
+        best = min((best, diagnosis.unnamed), key=lambda c: c.criterion)
+    sure = intervals(diagnosis.problem, best.fit, level)
+    at = best.fit.model.p.size
+    share = 1 - best.fit.cost / base.cost
+    found = []
+    for i, placed in enumerate(best.effects):
+        rivals = diagnosis.alternatives[i] if best is diagnosis.best else ()
+        names = parameter_names(placed)
+        rows = sure[at : at + placed.n_theta]
+        at += placed.n_theta
+        found.append(
+            Finding(
+                effect=placed.effect.code if placed.effect.code != CODE else "unknown",
+                title=placed.effect.title,
+                sentence=placed.effect.sentence,
+                equation=placed.effect.equation,
+                port=str(placed.port),
+                place=place_in_words(placed, simulator),
+                argument=_with_unit(placed.argument_name, placed.argument_unit),
+                parameters=dict(zip(names, (float(v) for v in placed.theta), strict=True)),
+                intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
+                units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
+                lookalikes=tuple(dict.fromkeys(code for c in rivals for code in _rival_codes(c, best))),
+                rivals=tuple(_rival_name(c, best) for c in rivals),
+                p_value=diagnosis.p_missing,
+                improvement=float(share),
+                separate_by=placed.effect.separate_by,
+                evidence={
+                    "criterion_gain": float(base.cost and _criterion_gain(diagnosis, best)),
+                    "next_best": float(rivals[0].criterion - best.criterion) if rivals else None,
+                },
+            )
+        )
+    return found
+
+
+def _criterion_gain(diagnosis: Diagnosis, best) -> float:
+    from narx_sklearn.discrepancy.explain import Candidate
+
+    return Candidate(diagnosis.refitted, best.n_samples).criterion - best.criterion
+
+
+def _rival_codes(candidate, best) -> list[str]:
+    places = {effect.place for effect in best.effects}
+    return [e.effect.code for e in candidate.effects if e.place not in places]
+
+
+def _rival_name(candidate, best) -> str:
+    places = {effect.place for effect in best.effects}
+    different = [e for e in candidate.effects if e.place not in places]
+    return " + ".join(f"{e.effect.code} at {e.port}" for e in different)
+
+
+def parameter_names(placed: PlacedEffect) -> list[str]:
+    """Return the names of the effect's parameters, the share that goes on included."""
+    return [p.name for p in placed.effect.parameters] + ["share_onward"] * (placed.onward >= 0)
+
+
+def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
+    """Return the units of the effect's parameters, with the port's and the argument's units put in."""
+    kind, index = placed.port
+    if kind == "state":
+        unit = simulator.states[index].unit
+        port = unit if simulator.discrete else (f"{unit}/s" if unit else "1/s")
+    else:
+        port = (simulator.inputs if kind == "input" else simulator.outputs)[index].unit
+    second = simulator.inputs[placed.second].unit if placed.second >= 0 else ""
+    fill = {"port": port, "arg": placed.argument_unit or "-", "second": second or "-"}
+    units = [p.unit.format(**fill) for p in placed.effect.parameters]
+    return units + ["-"] * (placed.onward >= 0)
+
+
+def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
+    """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
+    kind, index = placed.port
+    if kind == "state":
+        words = f"in the equation of {simulator.states[index].name}"
+        if placed.onward >= 0:
+            words += f", going on to {simulator.states[placed.onward].name}"
+        return words
+    signal = (simulator.inputs if kind == "input" else simulator.outputs)[index]
+    return f"on the {kind} {signal.name}"
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name

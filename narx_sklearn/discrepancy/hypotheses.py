@@ -1,0 +1,214 @@
+"""Every effect at every place where it could act: the bank of hypotheses."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.simulator import Run, Simulator
+from narx_sklearn.discrepancy.structure import Structure
+from narx_sklearn.physics.effects import Effect, Setting
+
+
+READ_OFF = {"quantisation", "stuck_sensor", "sensor_clip"}
+LEVELS_ONLY = {"overflow", "root_outflow"}  # effects of levels: no velocity overflows
+
+
+class Hypothesis(NamedTuple):
+    """A placed effect and the parameter values from which to try it."""
+
+    placed: PlacedEffect
+    starts: np.ndarray  # (n_starts, n_theta)
+    tuned: np.ndarray | None = (
+        None  # (n_starts,) bool: found by looking at the residual, so no test may use them
+    )
+
+
+def enumerate_hypotheses(
+    effects: Iterable[Effect], problem: Problem, model: Model, run: Run, structure: Structure
+) -> list[Hypothesis]:
+    """Return the hypotheses that can act on this record, in the catalogue's order."""
+    simulator = problem.simulator
+    order = np.concatenate(
+        [np.arange(a, b) for a, b in zip(problem.windows.first, problem.windows.last, strict=True)]
+    )
+    material = _Material(simulator, problem, run, order, _time(problem), _firsts(problem))
+    found = []
+    for effect in effects:
+        for placed in placements(effect, simulator, structure):
+            setting = material.setting(placed)
+            starts = _starts(effect, setting, placed)
+            if len(starts):
+                blind = _starts(effect, setting._replace(residual=None), placed)
+                # what is read off the measured values themselves (their steps, their repeats) is no residual
+                tuned = (
+                    np.zeros(len(starts), dtype=bool)
+                    if effect.code in READ_OFF
+                    else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts])
+                )
+                found.append(Hypothesis(placed, starts, tuned))
+    return found
+
+
+def _starts(effect: Effect, setting: Setting, placed: PlacedEffect) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        starts = np.asarray(effect.starts(setting), dtype=float)
+    if starts.size == 0:
+        return np.empty((0, placed.n_theta))
+    if placed.onward >= 0:
+        starts = np.column_stack([starts, np.full(len(starts), 0.5)])
+    return starts[np.all(np.isfinite(starts), axis=1)]
+
+
+def placements(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
+    """Return the places at which an effect could act on a simulator."""
+    seconds = _seconds(effect, simulator, structure)
+    found = []
+    if "input" in effect.ports:
+        for i in np.flatnonzero(structure.inputs.any(axis=0)):
+            signal = simulator.inputs[i]
+            for second in seconds:
+                if second != i:
+                    found.append(
+                        PlacedEffect(
+                            effect,
+                            Port("input", int(i)),
+                            (),
+                            second,
+                            argument_name=signal.name,
+                            argument_unit=signal.unit,
+                        )
+                    )
+    if "output" in effect.ports:
+        for i, signal in enumerate(simulator.outputs):
+            for second in seconds:
+                found.append(
+                    PlacedEffect(
+                        effect,
+                        Port("output", i),
+                        (),
+                        second,
+                        argument_name=signal.name,
+                        argument_unit=signal.unit,
+                    )
+                )
+    if "state" in effect.ports:
+        for i in np.flatnonzero(~structure.kinematic):
+            if effect.code in LEVELS_ONLY and structure.partner[i] >= 0:
+                continue
+            for weights, name, unit in _arguments(effect.argument, int(i), simulator, structure):
+                if unit and effect.argument_units and unit not in effect.argument_units:
+                    continue
+                for second in seconds:
+                    for onward in _onward(effect, int(i), structure):
+                        found.append(
+                            PlacedEffect(
+                                effect,
+                                Port("state", int(i)),
+                                weights,
+                                second,
+                                onward,
+                                argument_name=name,
+                                argument_unit=unit,
+                            )
+                        )
+    return found
+
+
+def _seconds(effect: Effect, simulator: Simulator, structure: Structure) -> list[int]:
+    if effect.second is None:
+        return [-1]
+    channels = set(structure.channels.tolist())
+    if effect.second == "channel":
+        return sorted(channels)
+    return [j for j in range(len(simulator.inputs)) if j not in channels]
+
+
+def _onward(effect: Effect, i: int, structure: Structure) -> list[int]:
+    if not effect.onward:
+        return [-1]
+    fed = [j for j in range(structure.kinematic.size) if j != i and structure.states[j, i]]
+    return [-1, *(j for j in fed if not structure.kinematic[j])]
+
+
+def _arguments(kind: str, i: int, simulator: Simulator, structure: Structure):
+    """Yield (weights, name, unit) of what a force in state equation ``i`` may depend on."""
+    n = len(simulator.states)
+    partner = structure.partner[i]
+    if kind == "none":
+        yield _weights(n, {i: 1.0}), *simulator.states[i]
+        return
+    if kind == "any":
+        for j in range(n):
+            if not (structure.kinematic[j] and simulator.discrete):
+                yield _weights(n, {j: 1.0}), *simulator.states[j]
+        return
+    own = i if kind == "own" or partner < 0 else partner
+    yield _weights(n, {own: 1.0}), *simulator.states[own]
+    for j in range(n):
+        # motion relative to a neighbour that this equation feels in the opposite sense
+        if j == own or structure.kinematic[j] != structure.kinematic[own]:
+            continue
+        if (
+            structure.states[i, j]
+            and structure.states[i, own]
+            and structure.sign[i, j] == -structure.sign[i, own]
+        ):
+            if simulator.states[j].unit == simulator.states[own].unit and not simulator.discrete:
+                name = f"{simulator.states[own].name} - {simulator.states[j].name}"
+                yield _weights(n, {own: 1.0, j: -1.0}), name, simulator.states[own].unit
+
+
+def _weights(n: int, entries: dict) -> tuple[float, ...]:
+    weights = [0.0] * n
+    for index, value in entries.items():
+        weights[index] = value
+    return tuple(weights)
+
+
+class _Material:
+    """Signals along a run, from which settings are taken; computed once for all hypotheses."""
+
+    def __init__(self, simulator: Simulator, problem: Problem, run: Run, order, time, first):
+        self.simulator, self.u, self.run = simulator, problem.u, run
+        self.residual = np.nan_to_num(problem.y - run.y)
+        self.order, self.time, self.first = order, time, first
+        x = run.x[order]
+        rates = np.empty_like(x)
+        edges = [*first.tolist(), len(order)]
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            rates[a:b] = np.gradient(x[a:b], simulator.dt, axis=0) if b - a > 1 else 0.0
+        self.x, self.rates = x, rates
+
+    def setting(self, placed: PlacedEffect) -> Setting:
+        """Return what the record shows at one place."""
+        dt = self.simulator.dt
+        second = None if placed.second < 0 else self.u[self.order, placed.second]
+        kind, index = placed.port
+        if kind == "state":
+            weights = np.array(placed.weights)
+            own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
+            argument, rate = self.x @ weights, self.rates @ weights
+        else:
+            argument = (self.u if kind == "input" else self.run.y)[self.order, index]
+            own, rate = argument, np.gradient(argument, dt)
+        residual = self.residual[self.order, index if kind == "output" else 0]
+        return Setting(argument, rate, own, second, self.time, dt, self.first, residual)
+
+
+def _time(problem: Problem) -> np.ndarray:
+    w = problem.windows
+    return np.concatenate(
+        [
+            (np.arange(a, b) - s) * problem.simulator.dt
+            for a, b, s in zip(w.first, w.last, w.began, strict=True)
+        ]
+    )
+
+
+def _firsts(problem: Problem) -> np.ndarray:
+    w = problem.windows
+    offsets = np.concatenate([[0], np.cumsum(w.last - w.first)[:-1]])
+    return offsets[w.fresh]

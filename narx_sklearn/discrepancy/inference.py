@@ -1,0 +1,63 @@
+"""How sure: intervals of the parameters, and whether they moved at all."""
+
+import numpy as np
+from scipy.stats import norm
+
+from narx_sklearn.discrepancy.bank import Bank
+from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit
+
+
+def covariance(problem: Problem, fit: Fit) -> np.ndarray:
+    """Return the covariance of the global parameters, robust to what the noise model leaves.
+
+    Short blocks of whitened samples are the independent units (a sandwich over blocks); the residual is
+    scaled for the parameters and initial states that were fitted to it.
+    """
+    J, r = fit.jacobian, fit.residual
+    n = J.shape[2]
+    if n == 0:
+        return np.zeros((0, 0))
+    n_outputs = problem.y.shape[1]
+    flat = J.reshape(-1, n)
+    size = np.linalg.norm(flat, axis=0)
+    size[size == 0] = 1.0
+    bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-12, hermitian=True)
+    length = block_length(r.shape[0], r.shape[1] // n_outputs)
+    scores = blocks_of(J * r[:, :, None], n_outputs, length) / size
+    fitted = n + int(problem.simulator.free_states.sum()) * problem.windows.count
+    factor = problem.n_seen / max(problem.n_seen - fitted, 1)
+    robust = bread @ (scores.T @ scores) @ bread * factor
+    plain = bread * fit.cost / max(problem.n_seen - fitted, 1)
+    # with few blocks a sandwich can come out too thin; it never goes below what white noise would give
+    scale = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    return robust * np.outer(scale, scale) / np.outer(size, size)
+
+
+def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
+    """Return confidence intervals of the global parameters, (n_q, 2)."""
+    q = fit.model.q
+    error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
+    width = norm.ppf(0.5 + level / 2) * error
+    return np.column_stack([q - width, q + width])
+
+
+def parameters_moved(problem: Problem, fit: Fit, random_state=None) -> float:
+    """Return the p-value of the test that the nominal parameters are right, from the fit made with them."""
+    columns, residual = fit.jacobian, fit.residual
+    flat = columns.reshape(-1, columns.shape[2])
+    gram = flat.T @ flat
+    n = columns.shape[2]
+    none = np.zeros(n, dtype=int)
+    bank = Bank([], none, none, columns, residual, gram, flat.T @ residual.ravel(), np.diag(gram) > 0)
+    fitted = int(problem.simulator.free_states.sum()) * problem.windows.count
+    found = detect(
+        bank,
+        np.ones(n, dtype=bool),
+        n_outputs=problem.y.shape[1],
+        n_samples=problem.n_seen,
+        n_fitted=fitted,
+        random_state=random_state,
+    )
+    return float(found.p_values.min(initial=1.0))

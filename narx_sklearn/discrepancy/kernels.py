@@ -1,0 +1,239 @@
+"""The kernel under every simulator: windows of a record, effects at the state equations.
+
+    x' = f(x, u, p) + sum_e force_e        (or x[k+1] = f(x[k], u[k], p) + sum_e force_e for a map)
+    y  = h(x, u, p)
+
+The right-hand side, the output and the forces of the effects enter as first-class functions of one
+signature each, so this kernel is compiled once and kept on disk, and only the user's own few lines are
+compiled anew.
+"""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+
+MAX_EFFECTS = 4  # effects that act at state equations at the same time
+MAX_THETA = 12  # parameters of one effect; the last one is the share that spills onward
+SPILL = MAX_THETA - 1
+MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
+UNBOUNDED = 1e15  # far above any physical state, far below overflow
+
+VECTOR = types.Array(types.float64, 1, "C")
+MATRIX = types.Array(types.float64, 2, "C")
+INTEGERS = types.Array(types.int64, 1, "C")
+FLAGS = types.Array(types.boolean, 1, "C")
+EQUATION = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
+"""Signature of a right-hand side and of an output: ``(x, u, p, written)``."""
+
+FORCE = types.float64(*[types.float64] * 6, VECTOR, VECTOR, VECTOR)
+"""Signature of an effect's force: ``(argument, rate, own, second, time, step, z, theta, written dz)``."""
+
+
+def _no_force(argument, rate, own, second, time, step, z, theta, dz):
+    return 0.0
+
+
+@njit(nogil=True, cache=True)
+def _simulate_windows(
+    equation,
+    output,
+    force_0,
+    force_1,
+    force_2,
+    force_3,
+    n_forces,
+    port,
+    onward,
+    weights,
+    second,
+    strength,
+    theta,
+    memory,
+    jumps,
+    p,
+    x0,
+    u,
+    first,
+    last,
+    fresh,
+    began,
+    dt,
+    substeps,
+    linear_hold,
+    discrete,
+    y_out,
+    x_out,
+    z_out,
+):
+    """Run every window from its own initial state; return the sample where the run left the finite range.
+
+    The states of the effects, z, are carried from one window to the next and start at zero where `fresh`.
+    A force writes dz/dt; where the effect `jumps` (play operators) it writes z itself, after the move to the
+    present argument.
+    Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
+    MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
+    """
+    n_states = x0.shape[1]
+    n_inputs = u.shape[1]
+    n_outputs = y_out.shape[1]
+    x = np.empty(n_states)
+    stage = np.empty(n_states)
+    slope = np.empty((4, n_states))
+    nominal = np.empty(n_states)
+    now = np.empty(n_inputs)
+    observed = np.empty(n_outputs)
+    z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
+    z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
+    dz = np.zeros((4, MAX_EFFECTS, MAX_MEMORY))
+    h = dt / substeps
+    # a map adds whole increments, so to a force its step counts as one
+    force_step = 1.0 if discrete else h
+    failed = -1
+    n_stages = 1 if discrete else 4
+    for w in range(first.size):
+        if fresh[w]:
+            z[:] = 0.0
+        for i in range(n_states):
+            x[i] = x0[w, i]
+        broken = False
+        for k in range(first[w], last[w]):
+            for i in range(n_inputs):
+                now[i] = u[k, i]
+            for i in range(n_states):
+                x_out[k, i] = x[i]
+                if not abs(x[i]) < UNBOUNDED:
+                    broken = True
+            for e in range(n_forces):
+                for j in range(memory[e]):
+                    z_out[k, e * MAX_MEMORY + j] = z[e, j]
+            if broken:
+                if failed < 0:
+                    failed = k
+                for rest in range(k, last[w]):
+                    for i in range(n_outputs):
+                        y_out[rest, i] = np.nan
+                break
+            output(x, now, p, observed)
+            for i in range(n_outputs):
+                y_out[k, i] = observed[i]
+            for s in range(substeps):
+                for r in range(n_stages):
+                    # Runge-Kutta of order four: stages at 0, h/2, h/2, h
+                    step = 0.0 if r == 0 else (0.5 * h if r < 3 else h)
+                    for i in range(n_states):
+                        stage[i] = x[i] if r == 0 else x[i] + step * slope[r - 1, i]
+                    for e in range(n_forces):
+                        for j in range(memory[e]):
+                            z_stage[e, j] = z[e, j]
+                            if r > 0 and not jumps[e]:
+                                z_stage[e, j] += step * dz[r - 1, e, j]
+                    if linear_hold and k + 1 < last[w]:
+                        ahead = (s * h + step) / dt
+                        for i in range(n_inputs):
+                            now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
+                    equation(stage, now, p, nominal)
+                    for i in range(n_states):
+                        slope[r, i] = nominal[i]
+                    time = (k - began[w]) * dt + s * h + step
+                    for e in range(n_forces):
+                        argument = 0.0
+                        rate = 0.0
+                        for i in range(n_states):
+                            argument += weights[e, i] * stage[i]
+                            if discrete:
+                                rate += weights[e, i] * (nominal[i] - stage[i]) / dt
+                            else:
+                                rate += weights[e, i] * nominal[i]
+                        other = now[second[e]] if second[e] >= 0 else 0.0
+                        # in a map the port's own increment stands for its rate
+                        own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
+                        # one name a force: a tuple of functions would do, were it not experimental in numba
+                        if e == 0:
+                            force = force_0(
+                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
+                            )
+                        elif e == 1:
+                            force = force_1(
+                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
+                            )
+                        elif e == 2:
+                            force = force_2(
+                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
+                            )
+                        else:
+                            force = force_3(
+                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
+                            )
+                        force *= strength[e]
+                        slope[r, port[e]] += force
+                        if onward[e] >= 0:
+                            slope[r, onward[e]] -= theta[e, SPILL] * force
+                if discrete:
+                    for i in range(n_states):
+                        x[i] = slope[0, i]
+                else:
+                    for i in range(n_states):
+                        x[i] += h / 6.0 * (slope[0, i] + 2 * slope[1, i] + 2 * slope[2, i] + slope[3, i])
+                for e in range(n_forces):
+                    for j in range(memory[e]):
+                        if jumps[e]:
+                            z[e, j] = dz[0, e, j]
+                        elif discrete:
+                            z[e, j] += dt * dz[0, e, j]
+                        else:
+                            z[e, j] += (
+                                h / 6.0 * (dz[0, e, j] + 2 * dz[1, e, j] + 2 * dz[2, e, j] + dz[3, e, j])
+                            )
+    return failed
+
+
+@cache
+def simulate_windows():
+    """Return the compiled kernel, fixed to one signature so that no call compiles it again."""
+    signature = (
+        types.FunctionType(EQUATION),
+        types.FunctionType(EQUATION),
+        *[types.FunctionType(FORCE)] * MAX_EFFECTS,
+        types.int64,
+        *[INTEGERS] * 2,
+        MATRIX,
+        INTEGERS,
+        VECTOR,
+        MATRIX,
+        INTEGERS,
+        FLAGS,
+        VECTOR,
+        MATRIX,
+        MATRIX,
+        INTEGERS,
+        INTEGERS,
+        FLAGS,
+        INTEGERS,
+        types.float64,
+        types.int64,
+        types.boolean,
+        types.boolean,
+        MATRIX,
+        MATRIX,
+        MATRIX,
+    )
+    _simulate_windows.compile(signature)
+    _simulate_windows.disable_compile()
+    return _simulate_windows
+
+
+@cache
+def compiled_force(function: Any):
+    """Return an effect's force compiled for the kernel: from disk when it was declared so, else anew."""
+    if not hasattr(function, "py_func"):
+        function = njit(nogil=True, error_model="numpy")(function)
+    function.compile(FORCE.args)
+    return function
+
+
+@cache
+def no_force():
+    """Return the force of an empty place."""
+    return compiled_force(_no_force)

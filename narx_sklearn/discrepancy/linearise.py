@@ -1,0 +1,97 @@
+"""A simulator near a point: derivatives of its equations, and states at which it rests."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import root
+
+from narx_sklearn.discrepancy.simulator import Simulator
+
+STEP = 6e-6  # relative step of central differences: the cube root of the rounding unit
+ROOM_FOR_ROUNDING = 1e-7  # of a rate's own summands, that a state counts as resting
+
+
+class Linearisation(NamedTuple):
+    """First derivatives of ``x' = f(x, u, p)`` (or ``x[k+1] = f``) and ``y = h(x, u, p)`` at one point."""
+
+    A: np.ndarray  # (n_states, n_states) df/dx
+    B: np.ndarray  # (n_states, n_inputs) df/du
+    C: np.ndarray  # (n_outputs, n_states) dh/dx
+    D: np.ndarray  # (n_outputs, n_inputs) dh/du
+
+
+def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return right-hand side, shape (n_states,), and output, shape (n_outputs,), at one point."""
+    x, u, p = (np.array(v, dtype=float) for v in (x, u, simulator.nominal if p is None else p))
+    rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
+    equation, output = simulator._equations()
+    equation(x, u, p, rates)
+    output(x, u, p, outputs)
+    return rates, outputs
+
+
+def linearise(simulator: Simulator, x, u, p=None) -> Linearisation:
+    """Return the derivatives of a simulator's equations, effects not counted, by central differences."""
+    n, m = len(simulator.states), len(simulator.inputs)
+    at = np.concatenate([np.asarray(x, dtype=float), np.asarray(u, dtype=float)])
+    columns = []
+    for j in range(n + m):
+        ahead, behind = at.copy(), at.copy()
+        h = STEP * max(abs(at[j]), 1.0)
+        ahead[j] += h
+        behind[j] -= h
+        with np.errstate(all="ignore"):  # beyond the finite range the derivatives are not finite either
+            upper = np.concatenate(evaluate(simulator, ahead[:n], ahead[n:], p))
+            lower = np.concatenate(evaluate(simulator, behind[:n], behind[n:], p))
+            columns.append((upper - lower) / (ahead[j] - behind[j]))
+    J = np.array(columns).reshape(n + m, -1).T
+    return Linearisation(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:])
+
+
+def steady_state(simulator: Simulator, u, p=None) -> np.ndarray:
+    """Return states at which the simulator rests under constant inputs, effects not counted.
+
+    Of the rests found from several starts, a stable one is preferred.
+
+    Raises
+    ------
+    ValueError
+        If none is found.
+    """
+    u = np.asarray(u, dtype=float)
+
+    def balance(x):
+        rates = evaluate(simulator, x, u, p)[0]
+        return rates - x if simulator.discrete else rates
+
+    found: list[tuple[bool, int, np.ndarray]] = []
+    for start in _starts(simulator, u):
+        with np.errstate(all="ignore"):
+            solution = root(balance, start).x
+            left = balance(solution)
+        if np.all(np.isfinite(left)):
+            A = linearise(simulator, solution, u, p).A
+            summands = np.abs(A) @ np.abs(solution) + np.abs(balance(np.zeros_like(solution)))
+            if np.all(np.abs(left) <= ROOM_FOR_ROUNDING * np.nan_to_num(summands) + 1e-12):
+                found.append((not _is_stable(A, simulator.discrete), len(found), solution))
+    if not found:
+        raise ValueError(
+            f"The simulator was not found to rest anywhere under the inputs {u.tolist()}: its equations have "
+            "no zero there, as for an integrator that is driven. Pass inputs that balance it."
+        )
+    return min(found, key=lambda entry: entry[:2])[2] + 0.0
+
+
+def _starts(simulator: Simulator, u: np.ndarray):
+    """Yield points from which a rest is looked for."""
+    n = len(simulator.states)
+    yield np.zeros(n)
+    for size in (1.0, -1.0, 100.0):
+        yield np.full(n, size)
+
+
+def _is_stable(A: np.ndarray, discrete: bool) -> bool:
+    if not A.size:
+        return True
+    eigenvalues = np.linalg.eigvals(A)
+    return bool(np.all(np.abs(eigenvalues) < 1) if discrete else np.all(eigenvalues.real < 0))

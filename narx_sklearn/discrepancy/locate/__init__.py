@@ -1,0 +1,36 @@
+"""Where a simulation and a recording part: which port, which times, which regions, which frequencies."""
+
+from narx_sklearn.discrepancy.locate.bands import bands
+from narx_sklearn.discrepancy.locate.concentrated import concentrated_force
+from narx_sklearn.discrepancy.locate.events import event_table, input_events
+from narx_sklearn.discrepancy.locate.features import features
+from narx_sklearn.discrepancy.locate.force_curve import force_curve
+from narx_sklearn.discrepancy.locate.invariances import invariances
+from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce, background, latent_force
+from narx_sklearn.discrepancy.locate.ports import latent_forces, port_table, ports_of
+from narx_sklearn.discrepancy.locate.regions import Condition, inside, regions
+from narx_sklearn.discrepancy.locate.segments import segments
+from narx_sklearn.discrepancy.locate.tangent import Tangent, tangent
+
+__all__ = [
+    "Background",
+    "Condition",
+    "LatentForce",
+    "Tangent",
+    "background",
+    "bands",
+    "concentrated_force",
+    "event_table",
+    "features",
+    "force_curve",
+    "input_events",
+    "inside",
+    "invariances",
+    "latent_force",
+    "latent_forces",
+    "port_table",
+    "ports_of",
+    "regions",
+    "segments",
+    "tangent",
+]

@@ -1,0 +1,252 @@
+"""Which regions: short rules that say where in the machine's operation the mismatch lives."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.stats import false_discovery_control
+from sklearn.tree import DecisionTreeRegressor
+
+MAX_LEAVES = 6
+MAX_DEPTH = 3
+SMALLEST_LEAF = 0.02  # of the samples
+TRAINING_SAMPLES = 20_000
+N_WINDOWS = 60  # every second one makes the rules, the others judge them
+N_SHUFFLES = 1999
+LEVEL = 0.01
+N_EDGES = 60  # places tried for the beginning of a mismatch that grows
+LEAST_LIFT = 1.2  # share of the energy over share of the time, below which a rule says nothing
+
+
+class Condition(NamedTuple):
+    """An interval of one feature.
+
+    Attributes
+    ----------
+    feature : str
+        Name of the feature, unit included.
+    low, high : float
+        Bounds, the lower one exclusive; infinite for none.
+    """
+
+    feature: str
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        if self.feature.startswith("direction of ") and not (
+            np.isfinite(self.low) and np.isfinite(self.high)
+        ):
+            name = self.feature.removeprefix("direction of ")
+            words = {
+                (-1, False): "falling",
+                (0, True): "rising",
+                (-1, True): "not falling",
+                (0, False): "not rising",
+            }
+            edge, upper = (self.low, True) if np.isfinite(self.low) else (self.high, False)
+            return f"{name} {words[(-1 if edge < 0 else 0, upper)]}"
+        if np.isfinite(self.low) and np.isfinite(self.high):
+            return f"{self.low:.3g} < {self.feature} <= {self.high:.3g}"
+        return (
+            f"{self.feature} > {self.low:.3g}"
+            if np.isfinite(self.low)
+            else f"{self.feature} <= {self.high:.3g}"
+        )
+
+
+def inside(conditions, table: pd.DataFrame) -> np.ndarray:
+    """Tell for each sample whether it meets all conditions; NaN meets none.
+
+    Parameters
+    ----------
+    conditions : sequence of Condition
+        As found in a row of :func:`regions`.
+    table : DataFrame of shape (n_samples, n_features)
+        Features by name.
+
+    Returns
+    -------
+    ndarray of bool of shape (n_samples,)
+        The samples of the region.
+    """
+    mask = np.ones(len(table), dtype=bool)
+    for condition in conditions:
+        values = table[condition.feature].to_numpy(dtype=float)
+        with np.errstate(invalid="ignore"):
+            mask &= (values > condition.low) & (values <= condition.high)
+    return mask
+
+
+def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state=None) -> pd.DataFrame:
+    """Find the regions of operation in which a residual or a latent force lives.
+
+    A shallow regression tree of the log energy divides the space of the features; its leaves are parted
+    into loud and quiet ones where the variance between the two is largest, and neighbours of one kind are
+    joined. Rules are made on every second window and judged on the others: windows of the energy are
+    shuffled against the features, which keeps what both have of memory, at a false discovery rate of 1 %.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+        Residual or latent force; NaN is skipped.
+    table : DataFrame of shape (n_samples, n_features)
+        Features, as :func:`features` makes them; rows with NaN are skipped.
+    floor : float or ndarray of shape (n_samples,), optional
+        Variance that noise alone gives the signal (``w_std ** 2`` of a latent force); a tenth of the median
+        energy when not given.
+    random_state : int or None, default=None
+        Seed of the shuffles.
+
+    Returns
+    -------
+    DataFrame
+        One row a rule, largest share first: ``rule`` in words, ``share`` of the energy, ``time_share``,
+        ``lift`` (their ratio), ``p_value`` (adjusted), ``conditions`` for :func:`inside`.
+
+    References
+    ----------
+    .. [1] L. Breiman, J. Friedman, R. Olshen and C. Stone, 1984, Classification and Regression Trees.
+    .. [2] N. Otsu, 1979, a threshold selection method from gray-level histograms.
+    .. [3] Y. Benjamini and Y. Hochberg, 1995, controlling the false discovery rate.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from narx_sklearn.discrepancy.locate import regions
+    >>> rng = np.random.default_rng(0)
+    >>> position, drive = np.sin(np.arange(6000) / 40), rng.normal(size=6000)
+    >>> table = pd.DataFrame({"position [m]": position, "drive [V]": drive})
+    >>> signal = np.where(position > 0.5, 1.0, 0.1) * rng.normal(size=6000)
+    >>> found = regions(signal, table, random_state=0)
+    >>> len(found), round(float(found.loc[0, "conditions"][0].low), 1)
+    (1, 0.5)
+    """
+    columns = ["rule", "share", "time_share", "lift", "p_value", "conditions"]
+    energy = np.asarray(signal, dtype=float) ** 2
+    known = np.isfinite(energy) & np.isfinite(table.to_numpy(dtype=float)).all(axis=1)
+    samples = np.flatnonzero(known)
+    length = samples.size // N_WINDOWS
+    if length < 5 or not energy[samples].sum() > 0:
+        return pd.DataFrame(columns=columns)
+    energy, table = energy[samples], table.iloc[samples]
+    least = 0.1 * np.median(energy) if floor is None else np.broadcast_to(floor, known.shape)[samples]
+    level = np.log(energy + np.maximum(least, 1e-9 * energy.mean()))
+    made = (np.arange(samples.size) // length) % 2 == 0
+    size = np.sqrt(energy[made])
+    rules = [_with_onsets(rule, table[made], size) for rule in _rules(table[made], level[made])]
+    judged = np.arange(N_WINDOWS * length).reshape(N_WINDOWS, length)[1::2]
+    rng = np.random.default_rng(random_state)
+    orders = rng.permuted(np.tile(np.arange(len(judged)), (N_SHUFFLES, 1)), axis=1)
+    rows = []
+    for conditions in rules:
+        mask = inside(conditions, table)
+        share, time_share = energy[mask].sum() / energy.sum(), mask.mean()
+        p = _p_value(mask[judged].astype(float), level[judged], orders)
+        rule = " and ".join(map(str, conditions))
+        rows.append((rule, share, time_share, share / max(time_share, 1e-300), p, conditions))
+    found = pd.DataFrame(rows, columns=columns)
+    if not rows:
+        return found
+    found["p_value"] = false_discovery_control(found["p_value"])
+    kept = (found["p_value"] <= LEVEL) & (found["lift"] >= LEAST_LIFT)
+    return found[kept].sort_values("share", ascending=False, kind="stable", ignore_index=True)
+
+
+def _rules(table: pd.DataFrame, level: np.ndarray) -> list[tuple[Condition, ...]]:
+    """Return the loud regions of a shallow tree."""
+    stride = max(1, -(-len(level) // TRAINING_SAMPLES))
+    values = table.to_numpy(dtype=float)[::stride]
+    tree = DecisionTreeRegressor(
+        max_leaf_nodes=MAX_LEAVES, max_depth=MAX_DEPTH, min_samples_leaf=SMALLEST_LEAF, random_state=0
+    )
+    shape = tree.fit(values, level[::stride]).tree_
+    leaves = np.flatnonzero(shape.children_left < 0)
+    if leaves.size < 2:
+        return []
+    threshold = _otsu(shape.value[leaves, 0, 0], shape.n_node_samples[leaves])
+    names = list(table.columns)
+    rules: list[tuple[Condition, ...]] = []
+
+    def visit(node: int, bounds: dict) -> bool | None:
+        """Collect the loud regions below a node; return whether it is of one kind, loud (True) or quiet."""
+        if shape.children_left[node] < 0:
+            return bool(shape.value[node, 0, 0] > threshold)
+        feature, edge = names[shape.feature[node]], float(shape.threshold[node])
+        low, high = bounds.get(feature, (-np.inf, np.inf))
+        sides = (
+            (int(shape.children_left[node]), bounds | {feature: (low, edge)}),
+            (int(shape.children_right[node]), bounds | {feature: (edge, high)}),
+        )
+        kinds = [visit(child, within) for child, within in sides]
+        if kinds[0] is not None and kinds[0] == kinds[1]:
+            return kinds[0]
+        for kind, (_, within) in zip(kinds, sides, strict=True):
+            if kind:
+                rules.append(tuple(Condition(name, *interval) for name, interval in within.items()))
+        return None
+
+    visit(0, {})
+    return rules
+
+
+def _otsu(values: np.ndarray, weights: np.ndarray) -> float:
+    """Return the threshold that parts weighted values with the largest variance between the parts."""
+    order = np.argsort(values)
+    v, w = values[order], weights[order].astype(float)
+    below, moment = np.cumsum(w)[:-1], np.cumsum(w * v)[:-1]
+    total, mean = w.sum(), np.average(v, weights=w)
+    best = int(np.argmax((mean * below - moment) ** 2 / (below * (total - below))))
+    return 0.5 * float(v[best] + v[best + 1])
+
+
+def _with_onsets(rule: tuple[Condition, ...], table: pd.DataFrame, size: np.ndarray) -> tuple[Condition, ...]:
+    """Move each bound of a rule to where the size begins to grow.
+
+    A step of the tree lies where a growing mismatch is halfway up; a line that bends finds its beginning.
+    """
+    moved = list(rule)
+    for i, condition in enumerate(rule):
+        others = inside([c for c in moved if c is not moved[i]], table)
+        values = table[condition.feature].to_numpy(dtype=float)
+        if np.unique(values[others][:1000]).size < N_EDGES:  # a direction, or levels: nothing in between
+            continue
+        low, high = condition.low, condition.high
+        if np.isfinite(low):
+            use = others & (values <= high)
+            low = _onset(values[use], size[use], low)
+        if np.isfinite(high):
+            use = others & (values > low)
+            high = -_onset(-values[use], size[use], -high)
+        if low < high:
+            moved[i] = Condition(condition.feature, low, high)
+    return tuple(moved)
+
+
+def _onset(values: np.ndarray, size: np.ndarray, edge: float) -> float:
+    """Return where ``size`` begins to grow with ``values``, or the given edge where it rather jumps there."""
+    upper = values > edge
+    if not 0 < upper.sum() < upper.size:
+        return edge
+    jump = upper.sum() * np.var(size[upper]) + (~upper).sum() * np.var(size[~upper])
+    centred = size - size.mean()
+    best, where = jump, edge
+    for candidate in np.quantile(values, np.linspace(0.01, 0.99, N_EDGES)):
+        bent = np.maximum(values - candidate, 0.0)
+        bent -= bent.mean()
+        energy = bent @ bent
+        slope = bent @ centred / energy if energy > 0 else 0.0
+        left = centred @ centred - slope**2 * energy
+        if slope > 0 and left < best:
+            best, where = left, float(candidate)
+    return where
+
+
+def _p_value(mask: np.ndarray, level: np.ndarray, orders: np.ndarray) -> float:
+    """Return how often shuffled windows have as high a level inside the mask; both (n_windows, n_samples)."""
+    if not 0 < mask.sum() < mask.size:
+        return 1.0
+    meeting = mask @ (level - level.mean()).T  # window of the mask with window of the level
+    rows = np.arange(len(mask))
+    shuffled = meeting[rows, orders].sum(axis=1)
+    return (1 + np.count_nonzero(shuffled >= np.trace(meeting) - 1e-12)) / (1 + len(orders))

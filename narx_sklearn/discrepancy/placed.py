@@ -1,0 +1,70 @@
+"""Effects at their place: a port of a simulator, with arguments and parameter values."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.physics.effects import Effect
+
+
+class Port(NamedTuple):
+    """Where something enters a simulator."""
+
+    kind: str  # "input", "state" or "output"
+    index: int  # counted from zero
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.index}"
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """An effect at a port, with what it depends on and with values for its parameters.
+
+    Parameters
+    ----------
+    effect : Effect
+        The entry of the catalogue.
+    port : Port
+        Where it acts.
+    weights : tuple of float
+        At a state port: the argument as a weighted sum of the states (a difference of two positions, say).
+    second : int
+        Input column of the second argument; -1 for none.
+    onward : int
+        State equation to which a share goes on; -1 for none.
+    theta : tuple of float
+        Parameters of the effect, and last the share that goes on where ``onward`` names an equation.
+    argument_name, argument_unit : str
+        How the argument is called and its unit.
+    """
+
+    effect: Effect
+    port: Port
+    weights: tuple[float, ...] = ()
+    second: int = -1
+    onward: int = -1
+    theta: tuple[float, ...] = ()
+    argument_name: str = ""
+    argument_unit: str = ""
+
+    def at(self, theta) -> "PlacedEffect":
+        """Return it with other parameter values."""
+        return replace(self, theta=tuple(float(value) for value in theta))
+
+    @property
+    def place(self) -> tuple:
+        """Everything but the parameter values: two of one place are the same hypothesis."""
+        return (self.effect.code, self.port, self.weights, self.second, self.onward)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lower and upper bounds of ``theta``, shape (n_theta, 2)."""
+        limits = [(p.lower, p.upper) for p in self.effect.parameters]
+        return np.array(limits + [(0.0, 1.0)] * (self.onward >= 0), dtype=float).reshape(-1, 2)
+
+    @property
+    def n_theta(self) -> int:
+        """Number of parameters, the share that goes on included."""
+        return len(self.effect.parameters) + (self.onward >= 0)

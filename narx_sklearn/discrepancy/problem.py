@@ -1,0 +1,153 @@
+"""Output error over windows: residuals, sensitivities, and initial states projected out.
+
+All tensors have one axis of windows and one of samples times outputs, padded with zeros:
+
+    residual (W, T),  states' sensitivities (W, T, n_free),  parameters' sensitivities (W, T, n_q)
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+
+FLAT = 1e-9  # singular values below this share of the largest carry no information on an initial state
+
+
+class Model(NamedTuple):
+    """Parameter values, effects with theirs, and one initial state a window."""
+
+    p: np.ndarray  # (n_parameters,)
+    effects: tuple[PlacedEffect, ...]
+    x0: np.ndarray  # (n_windows, n_states)
+
+    @property
+    def q(self) -> np.ndarray:
+        """All global parameters: the simulator's own, then the effects'."""
+        return np.concatenate([self.p, *(np.array(e.theta, dtype=float) for e in self.effects)])
+
+    def with_q(self, q: np.ndarray) -> "Model":
+        """Return the model with other global parameters."""
+        at, effects = self.p.size, []
+        for effect in self.effects:
+            effects.append(effect.at(q[at : at + effect.n_theta]))
+            at += effect.n_theta
+        return self._replace(p=q[: self.p.size], effects=tuple(effects))
+
+
+@dataclass
+class Problem:
+    """A simulator, a record and its windows."""
+
+    simulator: Simulator
+    u: np.ndarray
+    y: np.ndarray
+    windows: Windows
+    noise: Noise
+    rows: np.ndarray = field(init=False)  # (W, L) sample of each place, 0 where padded
+    inside: np.ndarray = field(init=False)  # (W, L)
+    seen: np.ndarray = field(init=False)  # (W, L, n_outputs)
+
+    def __post_init__(self):
+        lengths = self.windows.last - self.windows.first
+        offsets = np.arange(lengths.max())
+        self.inside = offsets < lengths[:, None]
+        self.rows = np.where(self.inside, self.windows.first[:, None] + offsets, 0)
+        self.seen = np.isfinite(self.y[self.rows]) & self.inside[:, :, None]
+
+    def with_noise(self, noise: Noise) -> "Problem":
+        """Return the problem with another noise model."""
+        return Problem(self.simulator, self.u, self.y, self.windows, noise)
+
+    @property
+    def n_seen(self) -> int:
+        """Number of residuals that count."""
+        return int(self.weighted.sum())
+
+    @property
+    def weighted(self) -> np.ndarray:
+        """Residuals that count, (W, L, n_outputs): seen, and with the noise's whole memory seen before them."""
+        counts = self.seen.copy()
+        for output, a in enumerate(self.noise.coefficients):
+            for lag in range(1, a.size + 1):
+                counts[:, lag:, output] &= self.seen[:, :-lag, output]
+                counts[:, :lag, output] = False
+        return counts
+
+    def raw(self, signal: np.ndarray) -> np.ndarray:
+        """Return a signal (n_samples, n_outputs) in windows, zero where not seen."""
+        return np.where(self.seen, signal[self.rows], 0.0)
+
+    def whiten(self, signal: np.ndarray) -> np.ndarray:
+        """Return a signal (n_samples, n_outputs) in windows, whitened and scaled by the noise, (W, T)."""
+        windowed = self.raw(signal)
+        out = windowed / self.noise.sigma
+        for output, a in enumerate(self.noise.coefficients):
+            for lag, coefficient in enumerate(a, start=1):
+                out[:, lag:, output] -= coefficient / self.noise.sigma[output] * windowed[:, :-lag, output]
+        if self.noise.order:
+            out[~self.weighted] = 0.0
+        return out.reshape(out.shape[0], -1)
+
+    def run(self, model: Model, strength=None) -> Run:
+        """Simulate all windows."""
+        return self.simulator.run(self.u, self.windows, model.x0, model.p, model.effects, strength)
+
+    def residual(self, run: Run) -> np.ndarray:
+        """Return the whitened residual y - y_sim, (W, T)."""
+        return self.whiten(self.y - run.y)
+
+    def states_sensitivity(self, model: Model, base: Run, scale: np.ndarray) -> np.ndarray:
+        """Return d y_sim / d x0, whitened, (W, T, n_free): every window's own state moves at once."""
+        free = np.flatnonzero(self.simulator.free_states)
+        columns = []
+        for state in free:
+            x0 = model.x0.copy()
+            x0[:, state] += scale[state]
+            moved = self.run(model._replace(x0=x0))
+            columns.append(self.whiten(moved.y - base.y) / scale[state])
+        if not columns:
+            return np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1], 0))
+        return np.stack(columns, axis=2)
+
+    def parameter_sensitivity(self, model: Model, base: Run, steps: np.ndarray) -> np.ndarray:
+        """Return d y_sim / d q, whitened, (W, T, n_q)."""
+        q = model.q
+        columns = []
+        for i, step in enumerate(steps):
+            moved = q.copy()
+            moved[i] += step
+            columns.append(self.whiten(self.run(model.with_q(moved)).y - base.y) / step)
+        if not columns:
+            return np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1], 0))
+        return np.stack(columns, axis=2)
+
+
+class Projector(NamedTuple):
+    """Projection onto what the windows' initial states cannot explain."""
+
+    basis: np.ndarray  # (W, T, n_free) orthonormal columns, zero where a state is not seen
+    inverse: np.ndarray  # (W, n_free, T) pseudo-inverse of the sensitivities
+
+    @classmethod
+    def of(cls, sensitivity: np.ndarray) -> "Projector":
+        """Factor the sensitivities window by window."""
+        if sensitivity.shape[2] == 0:
+            return cls(sensitivity, np.swapaxes(sensitivity, 1, 2))
+        scale = np.sqrt(np.einsum("wtk,wtk->wk", sensitivity, sensitivity))
+        scale[scale == 0] = 1.0
+        left, values, right = np.linalg.svd(sensitivity / scale[:, None, :], full_matrices=False)
+        keep = values > FLAT * values[:, :1].clip(min=1e-300)
+        basis = left * keep[:, None, :]
+        inverted = np.where(keep, 1 / np.where(keep, values, 1.0), 0.0)
+        inverse = np.einsum("wij,wi,wti->wjt", right, inverted, left) / scale[:, :, None]
+        return cls(basis, inverse)
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Project (W, T) or (W, T, n) columns."""
+        if columns.ndim == 2:
+            return columns - np.einsum("wtk,wk->wt", self.basis, np.einsum("wtk,wt->wk", self.basis, columns))
+        return columns - self.basis @ (np.swapaxes(self.basis, 1, 2) @ columns)

@@ -1,0 +1,135 @@
+"""Fit a simulator's parameters, its effects and the windows' initial states by Levenberg-Marquardt."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.problem import Model, Problem, Projector
+
+SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
+ITERATIONS = 25
+GIVE_UP = 12  # dampings tried in one iteration
+
+
+class Fit(NamedTuple):
+    """A fitted model and its linearisation."""
+
+    model: Model
+    cost: float  # sum of squared whitened residuals
+    residual: np.ndarray  # (W, T) whitened, initial states projected out
+    jacobian: np.ndarray  # (W, T, n_q) of y_sim, whitened, initial states projected out
+    projector: Projector
+    steps: np.ndarray  # difference steps of the global parameters
+    converged: bool
+    iterations: int
+
+    @property
+    def window_costs(self) -> np.ndarray:
+        """Cost of each window, (W,)."""
+        return np.einsum("wt,wt->w", self.residual, self.residual)
+
+
+def state_scale(problem: Problem, model: Model) -> np.ndarray:
+    """Return a difference step for each initial state, from the size of its motion."""
+    run = problem.run(model)
+    with np.errstate(invalid="ignore", over="ignore"):
+        motion = np.nanstd(run.x[problem.rows[problem.inside]], axis=0)
+        offset = np.nanmax(np.abs(model.x0), axis=0, initial=0.0)
+    size = np.where(np.isfinite(motion) & (motion > 0), motion, np.maximum(offset, 1.0))
+    return SMALL * size
+
+
+def difference_steps(model: Model, bounds: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return signed difference steps for the global parameters, away from their upper bounds."""
+    q = model.q
+    steps = SMALL * np.where(q != 0, np.abs(q), scale)
+    return np.where(q + steps > bounds[:, 1], -steps, steps)
+
+
+def all_bounds(problem: Problem, model: Model) -> np.ndarray:
+    """Return the bounds of all global parameters, (n_q, 2)."""
+    return np.concatenate([problem.simulator.bounds, *(e.bounds for e in model.effects)])
+
+
+def fit(
+    problem: Problem,
+    model: Model,
+    *,
+    free: np.ndarray | None = None,
+    iterations: int = ITERATIONS,
+    tolerance: float = 1e-5,
+) -> Fit:
+    """Minimise the whitened output error over global parameters and initial states.
+
+    The windows' initial states are eliminated exactly in every linear step, so only the few global
+    parameters are damped. The cost never rises.
+
+    Parameters
+    ----------
+    free : ndarray of bool of shape (n_q,), optional
+        Which global parameters may move; all by default.
+    """
+    bounds = all_bounds(problem, model)
+    q = np.clip(model.q, bounds[:, 0], bounds[:, 1])
+    model = model.with_q(q)
+    n_q = q.size
+    free = np.ones(n_q, dtype=bool) if free is None else free
+    scale_q = np.where(q != 0, np.abs(q), 1.0)
+    chosen = np.flatnonzero(problem.simulator.free_states)
+    x_steps = state_scale(problem, model)
+    damping, converged = 1e-3, False
+    run = problem.run(model)
+    residual = problem.residual(run)
+    cost = _cost(residual)
+    done = 0
+    while True:
+        steps = difference_steps(model, bounds, scale_q)
+        projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps)))
+        J_full = _finite(problem.parameter_sensitivity(model, run, steps))
+        J = projector(J_full)
+        r = projector(_finite(residual))
+        if done >= iterations or converged or not np.isfinite(cost):
+            break
+        done += 1
+        q = model.q
+        gradient = np.einsum("wtk,wt->k", J, r)
+        movable = free & ~((q <= bounds[:, 0]) & (gradient < 0)) & ~((q >= bounds[:, 1]) & (gradient > 0))
+        hessian = np.einsum("wti,wtj->ij", J, J)
+        diagonal = np.diag(hessian).copy()
+        movable &= diagonal > 0
+        index = np.flatnonzero(movable)
+        previous = cost
+        for _ in range(GIVE_UP):
+            move = np.zeros(n_q)
+            if index.size:
+                size = np.sqrt(diagonal[index])
+                normal = hessian[np.ix_(index, index)] / np.outer(size, size)
+                normal[np.diag_indices_from(normal)] += damping
+                move[index] = np.linalg.solve(normal, gradient[index] / size) / size
+            target = np.clip(q + move, bounds[:, 0], bounds[:, 1])
+            x0 = model.x0.copy()
+            left = residual - np.einsum("wtk,k->wt", J_full, target - q)
+            x0[:, chosen] += np.einsum("wkt,wt->wk", projector.inverse, _finite(left))
+            trial = model.with_q(target)._replace(x0=x0)
+            trial_run = problem.run(trial)
+            trial_residual = problem.residual(trial_run)
+            trial_cost = _cost(trial_residual)
+            if trial_cost < cost:
+                model, run, residual, cost = trial, trial_run, trial_residual, trial_cost
+                damping = max(damping / 9, 1e-9)
+                break
+            damping = max(damping * 6, 1e-6)
+            if damping > 1e9:
+                break
+        converged = previous - cost <= tolerance * previous
+    return Fit(model, cost, r, J, projector, steps, converged, done)
+
+
+def _cost(residual: np.ndarray) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = float(np.einsum("wt,wt->", residual, residual))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _finite(tensor: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(tensor, nan=0.0, posinf=0.0, neginf=0.0)

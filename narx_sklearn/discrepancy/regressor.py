@@ -1,0 +1,415 @@
+"""DiscrepancyRegressor: the diagnosis as a scikit-learn estimator."""
+
+import sys
+from numbers import Integral
+
+import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted
+
+from narx_sklearn._validation import (
+    as_signals,
+    column_labels,
+    finite_rows,
+    finite_slices,
+    session_slices,
+    split_unit,
+)
+from narx_sklearn.discrepancy.diagnosis import Diagnosis, Settings, diagnose
+from narx_sklearn.discrepancy.findings import make_findings, place_in_words
+from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.report_text import report_text
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.verify import initial_state, score_table, squared_errors
+from narx_sklearn.physics.effects import CATALOGUE, Effect
+
+
+class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
+    """Diagnose a simulation against recordings: where it is wrong, which physics it lacks, and the proof.
+
+    The simulator's own parameters and the initial states are always fitted first, so that a wrong number is
+    never sold as missing physics. A test that holds whatever the colour of the noise then says whether
+    anything is missing; effects of the catalogue at every port are ordered, refitted and compared; what
+    cannot be told apart is reported as such, with the experiment that would tell.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The simulation as it stands: an :class:`ODESimulator`, or another simulator of this package.
+    effects : "catalogue" or list of (str or Effect), default="catalogue"
+        What may be missing, by code, or effects of your own.
+    exclude : list of str, default=()
+        Codes left out.
+    alpha : float, default=0.01
+        Chance of a false alarm allowed where nothing is missing.
+    level : float, default=0.9
+        Confidence level of all intervals.
+    max_effects : int, default=3
+        Most effects looked for together.
+    n_leaders : int, default=16
+        Hypotheses refitted at each depth.
+    window : int, optional
+        Samples in a fitting window; a few time constants of the simulator when not given.
+    test_fraction : float, default=0.2
+        Last share of each session kept out of every decision, for the verification.
+    random_state : int, default=0
+        Seed of the sign flips and of the bootstrap.
+    n_jobs : int, optional
+        Threads over hypotheses.
+    verbose : int, default=0
+        1 tells each stage on standard error.
+
+    Attributes
+    ----------
+    verdict_ : {"consistent", "refit", "explained", "ambiguous", "unknown"}
+        What was concluded.
+    findings_ : list of Finding
+        Effects found missing, the strongest first.
+    scores_ : DataFrame
+        Held-out free run of the nominal, refitted and augmented simulation: ``nrmse``, ``rmse``, ``removed``
+        (share of the refitted error taken away), with intervals.
+    parameters_ : DataFrame
+        The simulator's parameters: nominal, refitted, augmented, with intervals and units.
+    simulator_ : Simulator
+        The corrected simulation, a simulator like any other.
+    refitted_simulator_ : Simulator
+        The simulation with refitted parameters, nothing added.
+    location_ : Location
+        Where the mismatch is: ``ports``, ``segments``, ``regions``, ``bands``, each a DataFrame.
+    p_value_ : float
+        Of the test that nothing is missing.
+    noise_ : dict
+        Estimated noise: standard deviation and colour of each output.
+    data_findings_ : list of DataFinding
+        Mistakes in the record itself that should be mended first.
+    report_ : str
+        All of it in words.
+    n_features_in_ : int
+        Number of input columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn import DiscrepancyRegressor, ODESimulator
+    >>> def stage(x, u, p):
+    ...     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+    >>> def true_stage(x, u, p):
+    ...     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 15.0 * x[0] ** 3
+    >>> about = dict(dt=0.05, states=["position [m]", "velocity [m/s]"], inputs=["drive [V]"])
+    >>> nominal = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0}
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.normal(0, 3, 200), 10)
+    >>> truth = {"gain [m/s^2/V]": 1.1, "damping [1/s]": 0.7, "stiffness [1/s^2]": 11.0}
+    >>> y = ODESimulator(true_stage, parameters=truth, **about).simulate(u)[:, 0]
+    >>> y += 0.005 * rng.normal(size=y.size)
+    >>> sim = ODESimulator(stage, parameters=nominal, **about)
+    >>> effects = ["cubic_stiffness", "coulomb_friction", "quadratic_drag"]
+    >>> dx = DiscrepancyRegressor(sim, effects=effects).fit(u, y)
+    >>> dx.verdict_, dx.findings_[0].effect
+    ('explained', 'cubic_stiffness')
+    """
+
+    def __init__(
+        self,
+        simulator,
+        *,
+        effects="catalogue",
+        exclude=(),
+        alpha=0.01,
+        level=0.9,
+        max_effects=3,
+        n_leaders=16,
+        window=None,
+        test_fraction=0.2,
+        random_state=0,
+        n_jobs=None,
+        verbose=0,
+    ):
+        self.simulator = simulator
+        self.effects = effects
+        self.exclude = exclude
+        self.alpha = alpha
+        self.level = level
+        self.max_effects = max_effects
+        self.n_leaders = n_leaders
+        self.window = window
+        self.test_fraction = test_fraction
+        self.random_state = random_state
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    def fit(self, X, y, sessions=None):
+        """Diagnose the simulator on a recording.
+
+        Parameters
+        ----------
+        X : array-like or DataFrame of shape (n_samples, n_inputs)
+            Recorded inputs, in the order of the simulator's, or a DataFrame with columns of their names.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Recorded outputs; NaN where a sample is missing.
+        sessions : array-like of shape (n_samples,), optional
+            One label a sample; each run of equal labels is a recording of its own.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a setting or the record does not fit; the message says which and what would.
+        """
+        self._check_settings()
+        effects = self._chosen_effects()
+        u, measured = self._read(X, y)
+        fitting, held_out = self._split(u, sessions)
+        spent: dict = {}
+        settings = Settings(
+            effects,
+            float(self.alpha),
+            int(self.max_effects),
+            int(self.n_leaders),
+            self.window,
+            self.random_state,
+            self.n_jobs,
+            self._tell,
+        )
+        diagnosis = diagnose(self.simulator, u, measured, fitting, settings)
+        self.n_features_in_ = u.shape[1]
+        labels = column_labels(X)
+        if labels is not None and all(isinstance(label, str) for label in labels):
+            self.feature_names_in_ = np.array(labels, dtype=object)
+        self._store(diagnosis, u, measured, held_out)
+        del spent
+        return self
+
+    def predict(self, X, y_init=None, sessions=None):
+        """Run the corrected simulation.
+
+        Parameters
+        ----------
+        X : array-like or DataFrame of shape (n_samples, n_inputs)
+            Inputs.
+        y_init : array-like of shape (n_init,) or (n_init, n_outputs), optional
+            First measured outputs of the (first) session, to which the initial state is fitted. Without them a run starts
+            from rest, all states zero.
+        sessions : array-like of shape (n_samples,), optional
+            One label a sample; every session starts anew.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Simulated outputs; NaN from where a run left the finite range.
+        """
+        check_is_fitted(self)
+        u = self._inputs(X)
+        windows = Windows.whole(session_slices(sessions, u.shape[0]))
+        x0 = np.zeros((windows.count, len(self.simulator_.states)))
+        if y_init is not None:
+            first = as_signals(y_init, "y_init")
+            if first.shape[1] != len(self.simulator_.outputs):
+                raise ValueError(
+                    f"y_init has {first.shape[1]} columns, the simulator has {len(self.simulator_.outputs)} outputs."
+                )
+            n = min(len(first), windows.last[0] - windows.first[0])
+            x0[0] = initial_state(self.simulator_, u[:n], first[:n], n, x0[0])
+        y = self.simulator_.run(u, windows, x0).y
+        return y[:, 0] if self._one_output else y
+
+    def score(self, X, y, sessions=None):
+        """Return R^2 of the corrected simulation's free run.
+
+        The first samples of each session (as many as fix the initial state) are not scored; an unstable run
+        scores -inf.
+        """
+        check_is_fitted(self)
+        u, measured = self._read(X, y)
+        errors, spread = 0.0, 0.0
+        n_init = self._n_init
+        for piece, _ in self._pieces(u, sessions):
+            if piece.stop - piece.start <= n_init + 1:
+                continue
+            u_piece, y_piece = u[piece], measured[piece]
+            x0 = initial_state(self.simulator_, u_piece, y_piece, n_init, self._guess)
+            run = self.simulator_.run(u_piece, Windows.whole([slice(0, len(u_piece))]), x0[None, :])
+            error = (y_piece - run.y)[n_init:]
+            if np.isnan(run.y).any():
+                return -np.inf
+            errors = errors + np.nansum(error**2, axis=0)
+            spread = spread + np.nansum(
+                (y_piece[n_init:] - np.nanmean(y_piece[n_init:], axis=0)) ** 2, axis=0
+            )
+        if np.ndim(errors) == 0:
+            raise ValueError(f"No session is longer than the {n_init} samples that fix the initial state.")
+        return float(np.mean(1 - errors / np.where(spread > 0, spread, np.nan)))
+
+    # -- parts of fit ------------------------------------------------------------------------------------
+
+    def _check_settings(self) -> None:
+        if not isinstance(self.simulator, Simulator):
+            raise TypeError(
+                f"simulator must be a Simulator such as ODESimulator(...), got {type(self.simulator).__name__}. "
+                "A plain function f(x, u, p) goes into ODESimulator(f, dt=..., parameters=..., ...)."
+            )
+        if not 0 < self.alpha < 1:
+            raise ValueError(f"alpha is a probability between 0 and 1, got {self.alpha!r}.")
+        if not 0 < self.level < 1:
+            raise ValueError(f"level is a probability between 0 and 1, got {self.level!r}.")
+        if not 0 <= self.test_fraction < 0.9:
+            raise ValueError(f"test_fraction must lie in [0, 0.9), got {self.test_fraction!r}.")
+        for name, least in (("max_effects", 1), ("n_leaders", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or value < least:
+                raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}.")
+        if self.window is not None and (not isinstance(self.window, Integral) or self.window < 4):
+            raise ValueError(
+                f"window counts samples and must be an integer of at least 4, got {self.window!r}."
+            )
+
+    def _chosen_effects(self) -> tuple[Effect, ...]:
+        if isinstance(self.effects, str):
+            if self.effects != "catalogue":
+                raise ValueError(f"effects must be 'catalogue' or a list of codes, got {self.effects!r}.")
+            chosen = list(CATALOGUE.values())
+        else:
+            chosen = [effect if isinstance(effect, Effect) else _entry(effect) for effect in self.effects]
+        left_out = {_entry(code).code for code in self.exclude}
+        chosen = [effect for effect in chosen if effect.code not in left_out]
+        if not chosen:
+            raise ValueError("No effect is left to look for; exclude fewer, or pass effects='catalogue'.")
+        return tuple(chosen)
+
+    def _read(self, X, y) -> tuple[np.ndarray, np.ndarray]:
+        u = self._inputs(X)
+        self._one_output = np.ndim(y) == 1
+        measured = as_signals(y, "y")
+        if len(measured) != len(u):
+            raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
+        if measured.shape[1] != len(self.simulator.outputs):
+            raise ValueError(
+                f"y has {measured.shape[1]} columns, the simulator has {len(self.simulator.outputs)} outputs: "
+                f"{[str(s) for s in self.simulator.outputs]}."
+            )
+        return u, measured
+
+    def _inputs(self, X) -> np.ndarray:
+        wanted = [signal.name for signal in self.simulator.inputs]
+        labels = column_labels(X)
+        if hasattr(X, "columns") and labels is not None:
+            names = [split_unit(label)[0] for label in labels]
+            missing = [name for name in wanted if name not in names]
+            if not missing:
+                X = X.iloc[:, [names.index(name) for name in wanted]]
+            elif len(names) != len(wanted) or any(name in names for name in wanted):
+                raise ValueError(
+                    f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
+                )
+        u = as_signals(X, "X")
+        if u.shape[1] != len(wanted):
+            raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
+        return u
+
+    def _pieces(self, u, sessions) -> list[tuple[slice, int]]:
+        found = []
+        finite = finite_rows(u)
+        for session in session_slices(sessions, len(u)):
+            found += [(piece, session.start) for piece in finite_slices([session], finite)]
+        return found
+
+    def _split(self, u, sessions):
+        """Return fitting pieces, and held-out stretches: the end of every piece."""
+        fitting, held_out = [], []
+        for piece, session in self._pieces(u, sessions):
+            n = piece.stop - piece.start
+            edge = piece.stop - int(round(self.test_fraction * n))
+            fitting.append((slice(piece.start, edge), session))
+            if piece.stop - edge > 1:
+                held_out.append(slice(edge, piece.stop))
+        return fitting, held_out
+
+    def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
+        self._diagnosis = diagnosis
+        self.verdict_ = diagnosis.verdict
+        self.p_value_ = diagnosis.p_missing
+        fit = diagnosis.best.fit
+        self.refitted_simulator_ = self.simulator.with_parameters(diagnosis.refitted.model.p)
+        corrected = self.simulator.with_parameters(fit.model.p).with_effects(
+            (*self.simulator.effects, *fit.model.effects[len(self.simulator.effects) :])
+        )
+        if diagnosis.verdict == "consistent":
+            corrected = self.simulator
+        self.simulator_ = corrected
+        lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
+        self._n_init = int(max(8 * (len(self.simulator.states) + 1), min(np.median(lengths) // 2, 200)))
+        self._guess = fit.model.x0[-1]
+        self.parameters_ = self._parameter_table(diagnosis)
+        self.findings_ = make_findings(diagnosis, self.level, self.simulator)
+        self.noise_ = {
+            str(signal): {"sigma": float(sigma), "autoregression": a.tolist()}
+            for signal, sigma, a in zip(
+                self.simulator.outputs,
+                diagnosis.problem.noise.sigma,
+                diagnosis.problem.noise.coefficients,
+                strict=True,
+            )
+        }
+        self._tell("verification on held-out samples")
+        self.scores_ = self._verify(u, y, held_out)
+        self.report_ = report_text(self)
+
+    def _verify(self, u, y, held_out) -> pd.DataFrame:
+        long_enough = [s for s in held_out if s.stop - s.start > 2 * self._n_init]
+        n_init = self._n_init
+        if not long_enough:
+            n_init = 4 * (len(self.simulator.states) + 1)
+            long_enough = [s for s in held_out if s.stop - s.start > 2 * n_init]
+        if not long_enough:
+            return pd.DataFrame()
+        simulators = {
+            "nominal": self.simulator,
+            "refitted": self.refitted_simulator_,
+            "augmented": self.simulator_,
+        }
+        guesses = {
+            "nominal": self._diagnosis.nominal.model.x0[-1],
+            "refitted": self._diagnosis.refitted.model.x0[-1],
+            "augmented": self._guess,
+        }
+        errors = squared_errors(simulators, u, y, long_enough, n_init, guesses)
+        spread = np.nanstd(np.concatenate([y[s] for s in long_enough]), axis=0)
+        return score_table(errors, spread, self.level, self.random_state)
+
+    def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
+        n = len(self.simulator.parameters)
+        refitted, final = diagnosis.refitted, diagnosis.best.fit
+        sure = intervals(diagnosis.problem, final, self.level)[:n]
+        before = intervals(diagnosis.problem, refitted, self.level)[:n]
+        return pd.DataFrame(
+            {
+                "unit": [p.unit for p in self.simulator.parameters],
+                "nominal": self.simulator.nominal,
+                "refitted": refitted.model.p,
+                "refitted_low": before[:, 0],
+                "refitted_high": before[:, 1],
+                "augmented": final.model.p,
+                "augmented_low": sure[:, 0],
+                "augmented_high": sure[:, 1],
+            },
+            index=pd.Index([p.name for p in self.simulator.parameters], name="parameter"),
+        )
+
+    def _tell(self, stage: str) -> None:
+        if self.verbose:
+            print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _entry(code) -> Effect:
+    if isinstance(code, Effect):
+        return code
+    if code not in CATALOGUE:
+        raise ValueError(f"There is no effect {code!r} in the catalogue; it holds {sorted(CATALOGUE)}.")
+    return CATALOGUE[code]
+
+
+__all__ = ["DiscrepancyRegressor", "place_in_words"]

@@ -1,0 +1,64 @@
+"""The diagnosis in words, for a terminal."""
+
+from narx_sklearn.discrepancy.results import VERDICTS
+
+
+def report_text(dx) -> str:
+    """Return the report of a fitted DiscrepancyRegressor as plain text."""
+    lines = [f"Verdict: {dx.verdict_}. {VERDICTS[dx.verdict_]}", ""]
+    lines += _what(dx)
+    lines += _parameters(dx)
+    lines += _scores(dx)
+    lines += _noise(dx)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _what(dx) -> list[str]:
+    lines = [f"Test that nothing is missing: p = {dx.p_value_:.2g}.", ""]
+    for i, finding in enumerate(dx.findings_, start=1):
+        lines.append(f"{i}. {finding.title} {finding.place}.")
+        lines.append(f"   {finding.sentence}")
+        if finding.equation:
+            lines.append(f"   {finding.equation}, x = {finding.argument}")
+        for name, value in finding.parameters.items():
+            low, high = finding.intervals[name]
+            unit = finding.units[name]
+            lines.append(f"   {name} = {value:.4g} {unit}   ({low:.4g} to {high:.4g})")
+        if finding.rivals:
+            lines.append(f"   Just as likely on these data: {', '.join(finding.rivals)}.")
+            lines.append(f"   To tell them apart: {finding.separate_by}.")
+        lines.append("")
+    return lines
+
+
+def _parameters(dx) -> list[str]:
+    if dx.parameters_.empty:
+        return []
+    shown = "augmented" if dx.findings_ else "refitted"
+    lines = ["Parameters of the simulation:"]
+    for name, row in dx.parameters_.iterrows():
+        lines.append(
+            f"   {name} = {row[shown]:.4g} {row['unit']}   ({row[shown + '_low']:.4g} to "
+            f"{row[shown + '_high']:.4g}), nominal {row['nominal']:.4g}"
+        )
+    return [*lines, ""]
+
+
+def _scores(dx) -> list[str]:
+    if dx.scores_.empty:
+        return ["No held-out stretch was long enough for a verification.", ""]
+    lines = ["Held-out free run (error over the spread of the recording):"]
+    for name, row in dx.scores_.iterrows():
+        lines.append(
+            f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
+            f"{100 * row['nrmse_high']:.3g} %)"
+        )
+    return [*lines, ""]
+
+
+def _noise(dx) -> list[str]:
+    lines = ["Noise estimated on:"]
+    for name, noise in dx.noise_.items():
+        colour = "white" if not noise["autoregression"] else f"coloured, order {len(noise['autoregression'])}"
+        lines.append(f"   {name}: {noise['sigma']:.3g}, {colour}")
+    return lines

@@ -1,0 +1,370 @@
+"""What a simulator is: something that is stepped, with ports at which missing physics may enter."""
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from copy import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices, split_unit
+from narx_sklearn.discrepancy.kernels import (
+    MAX_EFFECTS,
+    MAX_MEMORY,
+    MAX_THETA,
+    SPILL,
+    compiled_force,
+    no_force,
+    simulate_windows,
+)
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.exceptions import DivergenceWarning
+
+
+class Signal(NamedTuple):
+    """A named quantity with its unit."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def parse(cls, label: str) -> "Signal":
+        """Read ``"position [m]"``."""
+        name, unit = split_unit(label)
+        return cls(name, unit or "")
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+class Parameter(NamedTuple):
+    """A parameter of a simulator: nominal value and physical bounds."""
+
+    name: str
+    unit: str
+    value: float
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+class Windows(NamedTuple):
+    """Stretches of a record that are run each from its own initial state, in order of time."""
+
+    first: np.ndarray  # (n_windows,) first sample
+    last: np.ndarray  # (n_windows,) one past the last sample
+    fresh: np.ndarray  # (n_windows,) bool: nothing is carried over from the window before
+    began: np.ndarray  # (n_windows,) first sample of the session
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return self.first.size
+
+    @classmethod
+    def whole(cls, pieces: Sequence[slice]) -> "Windows":
+        """Return one window a piece."""
+        first = np.array([piece.start for piece in pieces], dtype=np.int64)
+        last = np.array([piece.stop for piece in pieces], dtype=np.int64)
+        return cls(first, last, np.ones(first.size, dtype=bool), first)
+
+
+class Run(NamedTuple):
+    """A simulation: outputs, states and the states of the effects at every sample."""
+
+    y: np.ndarray  # (n_samples, n_outputs); NaN outside the windows and after the finite range was left
+    x: np.ndarray  # (n_samples, n_states)
+    z: np.ndarray  # (n_samples, n_forces * MAX_MEMORY)
+    failed: int  # first sample outside the finite range, -1 when there is none
+
+
+class Simulator(ABC):
+    """Base of all simulators: signals, parameters, effects, and the run over windows.
+
+    A subclass gives ``_equations()``: the compiled right-hand side and output, both
+    ``(x, u, p, written)``. Everything else is here.
+    """
+
+    dt: float
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    effects: tuple[PlacedEffect, ...] = ()
+    substeps: int = 1
+    linear_hold: bool = False
+    discrete: bool = False
+
+    @abstractmethod
+    def _equations(self) -> tuple[Any, Any]:
+        """Return the compiled right-hand side and output."""
+
+    @property
+    def free_states(self) -> np.ndarray:
+        """Which initial states are unknown, shape (n_states,); the others follow from measured signals."""
+        return np.ones(len(self.states), dtype=bool)
+
+    def known_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """Return a guess of the states at the given samples, shape (n, n_states); NaN where there is none.
+
+        States that are not free must be given exactly.
+        """
+        return np.full((samples.size, len(self.states)), np.nan)
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Parameter values, shape (n_parameters,)."""
+        return np.array([parameter.value for parameter in self.parameters], dtype=float)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the parameters, shape (n_parameters, 2)."""
+        return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
+
+    def with_parameters(self, values) -> "Simulator":
+        """Return a copy with other parameter values (a mapping by name, or all in order)."""
+        new = copy(self)
+        if isinstance(values, Mapping):
+            unknown = sorted(set(values) - {p.name for p in self.parameters})
+            if unknown:
+                raise ValueError(
+                    f"Unknown parameters {unknown}; the simulator has {[p.name for p in self.parameters]}."
+                )
+            new.parameters = tuple(
+                p._replace(value=float(values.get(p.name, p.value))) for p in self.parameters
+            )
+        else:
+            new.parameters = tuple(
+                p._replace(value=float(value)) for p, value in zip(self.parameters, values, strict=True)
+            )
+        return new
+
+    def with_effects(self, effects: Sequence[PlacedEffect]) -> "Simulator":
+        """Return a copy in which these effects act (and no others)."""
+        new = copy(self)
+        new.effects = tuple(effects)
+        return new
+
+    def run(
+        self,
+        u: np.ndarray,
+        windows: Windows,
+        x0: np.ndarray,
+        p: np.ndarray | None = None,
+        effects: Sequence[PlacedEffect] | None = None,
+        strength: Sequence[float] | None = None,
+    ) -> Run:
+        """Run the windows; arrays in, arrays out, nothing checked.
+
+        ``strength`` scales each effect: 1 is the effect as it stands, a small number gives its tangent.
+        """
+        p = self.nominal if p is None else np.require(p, dtype=float, requirements=["C", "W"])
+        effects = self.effects if effects is None else tuple(effects)
+        strength = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
+        u = np.require(u, dtype=float, requirements=["C", "W"])
+        driven = _transformed(u, "input", effects, strength, None, self.dt, windows)
+        n_samples = u.shape[0]
+        y = np.full((n_samples, len(self.outputs)), np.nan)
+        x = np.full((n_samples, len(self.states)), np.nan)
+        forces = [(e, s) for e, s in zip(effects, strength, strict=True) if e.port.kind == "state"]
+        z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
+        equation, output = self._equations()
+        try:
+            failed = simulate_windows()(
+                equation,
+                output,
+                *_slots(forces, len(self.states)),
+                p,
+                np.require(x0, dtype=float, requirements=["C", "W"]),
+                driven,
+                windows.first,
+                windows.last,
+                windows.fresh,
+                windows.began,
+                self.dt,
+                self.substeps,
+                self.linear_hold,
+                self.discrete,
+                y,
+                x,
+                z,
+            )
+        except Exception as error:
+            raise _stopped_by(error, x, windows, self.dt) from error
+        y = _transformed(y, "output", effects, strength, driven, self.dt, windows)
+        return Run(y, x, z, failed)
+
+    def identified(self, u, *, sessions=None) -> "Simulator":
+        """Return the simulator ready for runs from any state; one that is known by its equations is."""
+        return self
+
+    def simulate(self, X, x0=None, *, sessions=None):
+        """Return the outputs for the inputs ``X``, one run a session.
+
+        Parameters
+        ----------
+        X : array-like or DataFrame of shape (n_samples, n_inputs)
+            Inputs, in the units of ``inputs``. Columns of a DataFrame are found by name where all inputs are
+            among them, else taken in order. NaN marks gaps; the run starts anew after each.
+        x0 : array-like of shape (n_states,) or (n_sessions, n_states), optional
+            Initial states; when not given zero, or for a NARX model its rest at the first input.
+        sessions : array-like of shape (n_samples,), optional
+            One label a sample; each run of equal labels starts anew.
+
+        Returns
+        -------
+        ndarray or DataFrame of shape (n_samples, n_outputs)
+            Outputs; NaN in gaps and from where a run left the finite range. A DataFrame, with the labels of
+            ``outputs`` and the index of ``X``, where ``X`` is one.
+
+        Raises
+        ------
+        ValueError
+            If ``X`` or ``x0`` does not fit the simulator.
+        RuntimeError
+            If its function raises during the run; says at which sample.
+
+        Warns
+        -----
+        DivergenceWarning
+            If the run leaves the finite range; says at which sample.
+        """
+        u = self._read_inputs(X)
+        pieces = session_slices(sessions, u.shape[0])
+        windows = Windows.whole(finite_slices(pieces, finite_rows(u)))
+        session = np.searchsorted([piece.start for piece in pieces], windows.first, side="right") - 1
+        if x0 is None:
+            start = self._initial_states(u, windows)
+        else:
+            start = self._read_states(x0, len(pieces))[session]
+        run = self.run(u, windows, start)
+        self._warn_of_trouble(run, u, windows)
+        if not hasattr(X, "columns"):
+            return run.y
+        import pandas as pd
+
+        return pd.DataFrame(run.y, index=X.index, columns=[str(signal) for signal in self.outputs])
+
+    def _initial_states(self, u: np.ndarray, windows: Windows) -> np.ndarray:
+        """Return the states, (n_windows, n_states), that runs start from when none are given."""
+        return np.zeros((windows.count, len(self.states)))
+
+    def _read_inputs(self, X) -> np.ndarray:
+        """Return the inputs as an array; columns by name where the names are all there."""
+        if hasattr(X, "columns"):
+            labels = list(X.columns)
+            names = [split_unit(label)[0] for label in labels]
+            if len(set(names)) == len(names) and all(signal.name in names for signal in self.inputs):
+                X = X[[labels[names.index(signal.name)] for signal in self.inputs]]
+        u = as_signals(X, "X")
+        if u.shape[1] != len(self.inputs):
+            raise ValueError(
+                f"X has {u.shape[1]} columns, the simulator has {len(self.inputs)} inputs: "
+                f"{[str(s) for s in self.inputs]}. Pass one column for each, in this order."
+            )
+        return u
+
+    def _read_states(self, x0, n_sessions: int) -> np.ndarray:
+        """Return initial states, shape (n_sessions, n_states)."""
+        given = np.asarray(x0, dtype=float)
+        shapes = ((len(self.states),), (n_sessions, len(self.states)))
+        if given.shape not in shapes or not np.all(np.isfinite(given)):
+            raise ValueError(
+                f"x0 has shape {given.shape}; wanted are finite values of the states "
+                f"{[str(s) for s in self.states]}, shape {shapes[0]}, or a row for each session, {shapes[1]}."
+            )
+        return np.broadcast_to(given, shapes[1])
+
+    def _warn_of_trouble(self, run: Run, u: np.ndarray, windows: Windows) -> None:
+        """Warn, with the sample, of what makes a run useless."""
+        inside = _covered(windows, u.shape[0])
+        lost = inside[~np.isfinite(run.y[inside]).all(axis=1)]
+        if lost.size:
+            k = int(lost[0])
+            warnings.warn(
+                f"The simulation left the finite range at sample {k} ({_time_of(k, windows, self.dt)}); it "
+                "is NaN from there to the end of its session, or as long as the output is not defined. Check "
+                "parameters, initial states and units.",
+                DivergenceWarning,
+                stacklevel=3,
+            )
+
+
+def _time_of(k: int, windows: Windows, dt: float) -> str:
+    """Return a sample's time since its session began, as text."""
+    w = max(int(np.searchsorted(windows.first, k, side="right")) - 1, 0)
+    return f"t = {(k - windows.began[w]) * dt:.6g} s"
+
+
+def _stopped_by(error: Exception, x: np.ndarray, windows: Windows, dt: float) -> RuntimeError:
+    """Return the error of a run in which the user's function raised, with the sample."""
+    reached = np.flatnonzero(~np.isnan(x).all(axis=1))  # states are written as the run goes
+    k = int(reached[-1]) if reached.size else int(windows.first[0])
+    state = np.array2string(x[k], precision=6, separator=", ")
+    return RuntimeError(
+        f"The simulator's function raised {type(error).__name__}: {error}, at sample {k} "
+        f"({_time_of(k, windows, dt)}), with the states {state} there."
+    )
+
+
+def _slots(forces, n_states: int):
+    """Return the effects at state equations as the arrays the kernel takes."""
+    n = len(forces)
+    if n > MAX_EFFECTS:
+        raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
+    functions = [compiled_force(placed.effect.force) for placed, _ in forces]
+    port, onward, second = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
+    memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
+    jumps = np.zeros(MAX_EFFECTS, dtype=bool)
+    weights = np.zeros((MAX_EFFECTS, n_states))
+    strength = np.zeros(MAX_EFFECTS)
+    theta = np.zeros((MAX_EFFECTS, MAX_THETA))
+    for i, (placed, scale) in enumerate(forces):
+        effect = placed.effect
+        port[i], onward[i], second[i] = placed.port.index, placed.onward, placed.second
+        memory[i], jumps[i], strength[i] = effect.n_memory, effect.jumps, scale
+        weights[i, : len(placed.weights)] = placed.weights
+        theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
+        if placed.onward >= 0:
+            theta[i, SPILL] = placed.theta[-1]
+    functions += [no_force()] * (MAX_EFFECTS - n)
+    return *functions, n, port, onward, weights, second, strength, theta, memory, jumps
+
+
+def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
+    """Return signals with the effects at ports of one kind applied, session by session."""
+    out = signals
+    for placed, scale in zip(effects, strength, strict=True):
+        if placed.port.kind != kind:
+            continue
+        if out is signals:
+            out = signals.copy()
+        column = out[:, placed.port.index].copy()
+        other = None
+        if placed.second >= 0:
+            other = (signals if driven is None else driven)[:, placed.second]
+        # windows of one session follow one another, so memory goes on across their seams
+        keep = _covered(windows, out.shape[0])
+        begin = _beginnings(windows)
+        inside = column[keep]
+        changed = placed.effect.transform(
+            inside, None if other is None else other[keep], dt, np.array(placed.theta), begin
+        )
+        out[keep, placed.port.index] = inside + scale * (changed - inside)
+    return out
+
+
+def _covered(windows: Windows, n_samples: int) -> np.ndarray:
+    """Return the samples inside the windows, in order."""
+    if windows.count == 0:
+        return np.arange(0)
+    if windows.count == 1:
+        return np.arange(windows.first[0], windows.last[0])
+    return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
+
+
+def _beginnings(windows: Windows) -> np.ndarray:
+    """Return where, among the covered samples, something begins anew."""
+    lengths = windows.last - windows.first
+    offsets = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    return offsets[windows.fresh]

@@ -1,0 +1,69 @@
+"""What the simulator's equations say about themselves: kinematics, who drives whom, which inputs are used."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.windows import rates_of
+
+POINTS = 6  # states of the run at which derivatives are compared
+ALIKE = 1e-6  # relative difference below which a derivative counts as the same
+
+
+class Structure(NamedTuple):
+    """Dependencies found numerically along a run."""
+
+    partner: tuple[int, ...]  # state equation -> the state that is its integral, -1 for none
+    kinematic: np.ndarray  # (n_states,) bool: a definition (x' = v), where no physics can be missing
+    states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
+    sign: np.ndarray  # (n_states, n_states) mean sign of that dependence
+    inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
+
+    @property
+    def channels(self) -> np.ndarray:
+        """Inputs that no equation uses: measured channels that may still matter."""
+        return np.flatnonzero(~self.inputs.any(axis=0))
+
+
+def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Structure:
+    """Probe the right-hand side along a run, x (n_samples, n_states) and u (n_samples, n_inputs)."""
+    n, m = len(simulator.states), len(simulator.inputs)
+    good = np.flatnonzero(np.all(np.isfinite(x), axis=1) & np.all(np.isfinite(u), axis=1))
+    points = good[np.linspace(0, good.size - 1, POINTS).astype(int)] if good.size else np.zeros(0, int)
+    x_size = np.maximum(np.nanstd(x, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(x), axis=0), 1e-6))
+    u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
+    Jx, Ju, Jp = [], [], []
+    for k in points:
+        Jx.append(_derivatives(lambda v, k=k: rates_of(simulator, v, u[k]), x[k], x_size))
+        Ju.append(_derivatives(lambda v, k=k: rates_of(simulator, x[k], v), u[k], u_size))
+        p = simulator.nominal
+        p_size = np.where(p != 0, np.abs(p), 1.0)
+        Jp.append(_derivatives(lambda v, k=k: rates_of(simulator, x[k], u[k], v), p, p_size))
+    Jx, Ju, Jp = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp))
+    weight = np.abs(Jx) * x_size
+    largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
+    depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
+    driven = (np.abs(Ju) * u_size).max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
+    tuned = np.abs(Jp).max(axis=(0, 2), initial=0.0) > 0
+    spread = np.ptp(Jx, axis=0) <= ALIKE * np.abs(Jx).max(axis=0, initial=0.0)
+    kinematic = np.zeros(n, dtype=bool)
+    partner = [-1] * n
+    for i in range(n):
+        sources = np.flatnonzero(depends[i])
+        alone = sources.size == 1 and not driven[i].any() and not tuned[i]
+        if alone and sources[0] != i and spread[i, sources[0]]:
+            kinematic[i] = True
+            if not simulator.discrete and partner[sources[0]] < 0:
+                partner[int(sources[0])] = i
+    sign = np.sign(Jx.mean(axis=0)) if len(Jx) else np.zeros((n, n))
+    return Structure(tuple(partner), kinematic, depends, sign, driven)
+
+
+def _derivatives(function, at: np.ndarray, size: np.ndarray) -> np.ndarray:
+    columns = []
+    for j in range(at.size):
+        shift = np.zeros(at.size)
+        shift[j] = 1e-4 * size[j]
+        columns.append((function(at + shift) - function(at - shift)) / (2 * shift[j]))
+    return np.array(columns).T.reshape(-1, at.size) if columns else np.zeros((function(at).size, 0))

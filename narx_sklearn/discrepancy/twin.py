@@ -1,0 +1,245 @@
+"""NARX twins: a model identified from another simulator's input and output, so that it can be stepped."""
+
+import warnings
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.equations import with_parameters_fixed
+from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, _transformed
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification import NARXRegressor
+from narx_sklearn.metrics import nrmse
+from narx_sklearn.model import free_run
+
+TRAINING_SHARE = 0.7
+GOOD_ENOUGH = 1e-3  # held-out error over the output's standard deviation at which the search ends
+POOR = 0.05  # above it a warning says that the twin is not the simulator
+FEWEST_SAMPLES = 40
+REMEMBERED = 16  # corrections kept: one for each parameter that is moved, and the nominal one
+
+# (lags, degree, delay), from simple to rich. A map of n states needs n lags; delay 0 comes last, for a
+# simulator whose output follows its input at once.
+CANDIDATES = (
+    *((n, 1, 1) for n in (1, 2, 3, 4)),
+    *((n, d, 1) for d in (2, 3) for n in (1, 2, 3)),
+    *((n, d, 0) for d in (1, 2, 3) for n in (1, 2, 3)),
+)
+
+
+class Twin(NamedTuple):
+    """A twin and how good it is."""
+
+    simulator: NARXSimulator
+    error: float  # held-out free-run RMSE over the output's standard deviation, of the worst output
+
+
+def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin:
+    """Identify a NARX model that simulates like another simulator.
+
+    Parameters
+    ----------
+    u : array-like or DataFrame of shape (n_samples, n_inputs)
+        Inputs of the simulator.
+    y_sim : array-like or DataFrame of shape (n_samples, n_outputs)
+        Its outputs; no measurement.
+    dt : float
+        Sampling period, s.
+    sessions : array-like of shape (n_samples,), optional
+        One label a sample.
+    regressor : NARXRegressor, optional
+        How to identify it; by default models of growing richness are tried until one is good enough.
+
+    Returns
+    -------
+    Twin
+        The best model by its free run on the last part of each session, which the fit did not see.
+
+    Raises
+    ------
+    ValueError
+        If the record is too short, or no candidate could be fitted.
+
+    Warns
+    -----
+    NarxWarning
+        If the held-out error exceeds 5 % of the output's standard deviation.
+    """
+    n_samples = as_signals(u, "u").shape[0]
+    measured = as_signals(y_sim, "y_sim")
+    if measured.shape[0] != n_samples:
+        raise ValueError(f"y_sim has {measured.shape[0]} samples, u has {n_samples}; they must be aligned.")
+    if n_samples < FEWEST_SAMPLES:
+        raise ValueError(
+            f"The trace has {n_samples} samples; at least {FEWEST_SAMPLES} are needed to identify a twin."
+        )
+    labels = _halves(session_slices(sessions, n_samples), n_samples)
+    training = labels % 2 == 0
+    regressors = [regressor] if regressor is not None else map(_regressor, *zip(*CANDIDATES, strict=True))
+    best = refused = None
+    for candidate in regressors:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NarxWarning)
+                candidate = candidate.fit(_rows(u, training), _rows(y_sim, training), labels[training])
+                error = _held_out_error(candidate.model_, u, measured, labels, ~training)
+        except ValueError as refusal:
+            refused = refusal  # the part is shorter than these lags, or its regressors are all constant
+            continue
+        if np.isfinite(error) and (best is None or error < best[1]):
+            best = candidate.model_, error
+        if error < GOOD_ENOUGH:
+            break
+    if best is None:
+        raise ValueError(
+            "No NARX model could be identified from the simulated output: is the input constant, or does "
+            f"y_sim belong to another record?{f' The last attempt said: {refused}' if refused else ''}"
+        ) from refused
+    model, error = best
+    if error > POOR:
+        warnings.warn(
+            f"The NARX twin of the simulator misses held-out simulated output by {100 * error:.1f} % of its "
+            "standard deviation, so what is found at state equations is no surer than that. Pass a "
+            "regressor with more lags, a higher degree or phi regressors, or the simulator's equations.",
+            NarxWarning,
+            stacklevel=3,
+        )
+    return Twin(NARXSimulator(model, dt), float(error))
+
+
+def _regressor(lags: int, degree: int, delay: int) -> NARXRegressor:
+    return NARXRegressor(lags, lags, degree=degree, delay=delay)
+
+
+def _halves(pieces, n_samples: int) -> np.ndarray:
+    """Return a label for each sample: even in the training part of its session, odd in the held-out part."""
+    labels = np.empty(n_samples, dtype=np.int64)
+    for i, piece in enumerate(pieces):
+        split = piece.start + round(TRAINING_SHARE * (piece.stop - piece.start))
+        labels[piece.start : split] = 2 * i
+        labels[split : piece.stop] = 2 * i + 1
+    return labels
+
+
+def _rows(data, chosen: np.ndarray):
+    """Return rows as a 2-D array, of a DataFrame or Series as such, for its labels name the signals."""
+    return data[chosen] if hasattr(data, "iloc") else as_signals(data, "data")[chosen]
+
+
+def _held_out_error(model, u, y_sim, labels, chosen) -> float:
+    """Return the free-run error over the standard deviation of the worst output; inf where it diverged."""
+    inputs = as_signals(u, "u")[chosen]
+    y = y_sim[chosen]
+    run = free_run(model, inputs, y, sessions=labels[chosen]).y
+    compared = np.isfinite(run).all(axis=1) & np.isfinite(y).all(axis=1)
+    if compared.sum() < 0.5 * chosen.sum() or np.isfinite(y[~compared]).all(axis=1).any():
+        return np.inf
+    return float(np.max(nrmse(y[compared], run[compared], multioutput="raw_values")))
+
+
+class TwinSimulator(Simulator):
+    """Base of simulators that cannot be stepped: a NARX twin carries states, their ports and windows.
+
+    What the twin gets wrong of the simulator's own output is added to every run, so that without effects,
+    and from where the simulator starts, a run is the simulator's own.
+    """
+
+    discrete = True
+    twin_: NARXSimulator | None = None
+    twin_error_: float = np.nan
+
+    def _simulated(self, u: np.ndarray, driven: np.ndarray, p: np.ndarray, pieces) -> Any:
+        """Return the simulator's own output for inputs ``driven`` in place of ``u``, None where unknown."""
+        raise NotImplementedError
+
+    def _drives(self, driven: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the inputs to which `_simulated` answers."""
+        return driven
+
+    def _with_twin(self, twin: Twin) -> None:
+        self.twin_, self.twin_error_ = twin
+        self.states = self.twin_.states
+        self._corrections: dict[tuple, np.ndarray] = {}
+
+    @property
+    def free_states(self):
+        """Which initial states are unknown: the twin's lagged outputs."""
+        return self.twin_.free_states if self.twin_ else np.zeros(0, dtype=bool)
+
+    def known_states(self, u, y, samples, began=None):
+        """Return the twin's states at the given samples, from what was measured before them."""
+        return self._stepped().known_states(u, y, samples, began)
+
+    def _stepped(self) -> NARXSimulator:
+        if self.twin_ is None:
+            raise ValueError(
+                f"{type(self).__name__} has no NARX twin yet, without which it cannot be run from any state; "
+                "call identified(u) with the inputs of the record first."
+            )
+        return self.twin_
+
+    def _equations(self):
+        twin = self._stepped()
+        return tuple(with_parameters_fixed(equation, twin.nominal) for equation in twin._equations())
+
+    def _initial_states(self, u, windows):
+        if self.twin_ is None:
+            return np.zeros((windows.count, 0))
+        pieces = [slice(a, b) for a, b in zip(windows.first, windows.last, strict=True)]
+        own = self._simulated(u, u, self.nominal, pieces)
+        return self.twin_._initial_states(u, windows) if own is None else self._starts(u, own, windows)
+
+    def run(self, u, windows, x0, p=None, effects=None, strength=None) -> Run:
+        """Run the windows, as every simulator does; the twin's error on the whole record is added back."""
+        p = self.nominal if p is None else np.ascontiguousarray(p, dtype=float)
+        effects = self.effects if effects is None else tuple(effects)
+        strength = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
+        pairs = list(zip(effects, strength, strict=True))
+        within = [pair for pair in pairs if pair[0].port.kind != "output"]
+        pieces = finite_slices(_sessions(windows, u.shape[0]), finite_rows(u))
+        driven = _transformed(u, "input", effects, strength, None, self.dt, Windows.whole(pieces))
+        if self.twin_ is None:
+            if any(effect.port.kind == "state" for effect in effects):
+                self._stepped()
+            y = self._simulated(u, driven, p, pieces)
+            run = Run(y, np.empty((u.shape[0], 0)), np.empty((u.shape[0], 0)), -1)
+        else:
+            run = super().run(u, windows, x0, p, *_separated(within))
+            run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
+        return run._replace(y=_transformed(run.y, "output", effects, strength, driven, self.dt, windows))
+
+    def _correction(self, u, driven, p, pieces):
+        """Return the simulator's own output minus the twin's, both from where the simulator starts."""
+        driven = self._drives(driven, u)
+        key = (driven.shape, hash(driven.tobytes()), p.tobytes(), tuple((a.start, a.stop) for a in pieces))
+        if key not in self._corrections:
+            own = self._simulated(u, driven, p, pieces)
+            if own is None:
+                return 0.0
+            windows = Windows.whole(pieces)
+            x0 = self._starts(driven, own, windows)
+            twin = super().run(driven, windows, x0, p, (), ()).y
+            while len(self._corrections) >= REMEMBERED:
+                self._corrections.pop(next(iter(self._corrections)), None)
+            self._corrections[key] = np.nan_to_num(own - twin)
+        return self._corrections[key]
+
+    def _starts(self, driven, own, windows) -> np.ndarray:
+        """Return the twin's states where the simulator starts: its first outputs, inputs held before."""
+        return self._stepped().known_states(driven, np.nan_to_num(own), windows.first, windows.first)
+
+    def __getstate__(self):
+        return self.__dict__ | ({"_corrections": {}} if self.twin_ else {})
+
+
+def _separated(pairs):
+    return tuple(effect for effect, _ in pairs), np.array([scale for _, scale in pairs], dtype=float)
+
+
+def _sessions(windows: Windows, n_samples: int) -> list[slice]:
+    """Return the sessions of a record: from where one began to where the next one does."""
+    edges = [*np.unique(windows.began).tolist(), n_samples]
+    return [slice(a, b) for a, b in pairwise(edges)]

@@ -1,0 +1,93 @@
+"""Held-out free runs: the simulation as it was, refitted, and with the physics added."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+
+BLOCKS = 20  # of the held-out errors, for intervals
+DRAWS = 1000
+
+
+class FreeRun(NamedTuple):
+    """One stretch run freely from an initial state found on its first samples."""
+
+    y: np.ndarray  # (n, n_outputs)
+    x0: np.ndarray  # (n_states,)
+
+
+def initial_state(
+    simulator: Simulator, u: np.ndarray, y: np.ndarray, n: int, guess: np.ndarray
+) -> np.ndarray:
+    """Return the state at the first sample, fitted to the first ``n`` samples."""
+    n = min(n, len(u))
+    windows = Windows.whole([slice(0, n)])
+    sigma = np.nanstd(y[:n], axis=0)
+    problem = Problem(simulator, u[:n], y[:n], windows, Noise.white(np.where(sigma > 0, sigma, 1.0)))
+    known = simulator.known_states(u, y, np.array([0]))[0]
+    model = Model(simulator.nominal, simulator.effects, np.where(np.isfinite(known), known, guess)[None, :])
+    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=10).model.x0[0]
+
+
+def free_run(simulator: Simulator, u: np.ndarray, y: np.ndarray, n_init: int, guess: np.ndarray) -> FreeRun:
+    """Run a stretch freely after its initial state was fitted to the first ``n_init`` samples."""
+    x0 = initial_state(simulator, u, y, n_init, guess)
+    run = simulator.run(u, Windows.whole([slice(0, len(u))]), x0[None, :])
+    return FreeRun(run.y, x0)
+
+
+def squared_errors(simulators: dict, u, y, stretches, n_init: int, guesses: dict) -> dict[str, np.ndarray]:
+    """Return each simulator's squared held-out errors by block, (n_blocks, n_outputs); the first samples out."""
+    found = {}
+    for name, simulator in simulators.items():
+        blocks = []
+        for stretch in stretches:
+            run = free_run(simulator, u[stretch], y[stretch], n_init, guesses[name])
+            error = (y[stretch] - run.y)[n_init:] ** 2
+            error[np.isnan(run.y[n_init:])] = np.inf
+            error[np.isnan(y[stretch][n_init:])] = np.nan
+            blocks += np.array_split(error, max(1, BLOCKS // len(stretches)))
+        with np.errstate(invalid="ignore"):
+            found[name] = np.array([np.nanmean(block, axis=0) for block in blocks if len(block)])
+    return found
+
+
+def score_table(
+    errors: dict[str, np.ndarray], spread: np.ndarray, level: float, random_state
+) -> pd.DataFrame:
+    """Return root mean squared errors with intervals, fit in percent, and the share of the error removed.
+
+    Intervals come from a bootstrap of blocks; the share is of the refitted simulation's mean square.
+    """
+    rng = np.random.default_rng(random_state)
+    some = next(iter(errors.values()))
+    draws = rng.integers(0, len(some), size=(DRAWS, len(some)))
+    scale = np.where(spread > 0, spread, 1.0)
+    tail = (1 - level) / 2
+    rows = []
+    means = {name: (e / scale**2).mean(axis=1) for name, e in errors.items()}
+    reference = means.get("refitted")
+    for name, e in errors.items():
+        with np.errstate(invalid="ignore"):
+            value = float(np.sqrt(np.nanmean(means[name])))
+            boot = np.sqrt(means[name][draws].mean(axis=1))
+            low, high = np.quantile(boot, [tail, 1 - tail]) if np.all(np.isfinite(boot)) else (value, np.inf)
+        row = {"run": name, "nrmse": value, "nrmse_low": float(low), "nrmse_high": float(high)}
+        row["fit_percent"] = 100 * (1 - value)
+        for i in range(e.shape[1]):
+            row[f"rmse_{i}" if e.shape[1] > 1 else "rmse"] = float(np.sqrt(np.mean(e[:, i])))
+        if reference is not None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                removed = 1 - means[name][draws].mean(axis=1) / reference[draws].mean(axis=1)
+                row["removed"] = float(1 - means[name].mean() / reference.mean())
+            good = removed[np.isfinite(removed)]
+            row["removed_low"], row["removed_high"] = (
+                (float(v) for v in np.quantile(good, [tail, 1 - tail])) if good.size else (np.nan, np.nan)
+            )
+        rows.append(row)
+    return pd.DataFrame(rows).set_index("run")

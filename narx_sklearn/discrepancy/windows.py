@@ -1,0 +1,101 @@
+"""Cut a record into windows of a few time constants, each with an initial state of its own."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+
+WINDOWS = 24  # where an integrator or an unstable mode lets errors grow
+FEWEST = 4
+MOST = 60  # more windows cost information on slow dynamics and bring little
+TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
+
+
+class Pace(NamedTuple):
+    """How fast a simulator forgets its initial state."""
+
+    time_constant: float  # s, the longest of its decaying modes; 0 when there is none
+    forgets: bool  # whether all modes decay: no integrator, nothing unstable
+
+
+def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
+    """Return the pace of the linearised simulator round the states visited."""
+    constants, lasting = [], 0
+    for k in np.linspace(0, x.shape[0] - 1, 5).astype(int):
+        if not np.all(np.isfinite(x[k])):
+            continue
+        eigenvalues = np.linalg.eigvals(state_jacobian(simulator, x[k], u[k]))
+        if simulator.discrete:
+            with np.errstate(divide="ignore"):
+                rates = np.log(np.abs(eigenvalues)) / simulator.dt
+        else:
+            rates = eigenvalues.real
+        fastest = np.max(np.abs(eigenvalues)) if not simulator.discrete else 1 / simulator.dt
+        decaying = rates[rates < -1e-6 * max(fastest, 1e-300)]
+        lasting += decaying.size < rates.size
+        if decaying.size:
+            constants.append(1.0 / np.min(-decaying))
+    return Pace(float(np.median(constants)) if constants else 0.0, 2 * lasting < max(len(constants), 1))
+
+
+def rates_of(simulator: Simulator, x: np.ndarray, u: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
+    """Return the right-hand side at one point, shape (n_states,)."""
+    written = np.empty(x.size)
+    simulator._equations()[0](
+        np.ascontiguousarray(x), np.ascontiguousarray(u), simulator.nominal if p is None else p, written
+    )
+    return written
+
+
+def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray, p=None, scale=None) -> np.ndarray:
+    """Return d rhs / d x at one point by central differences, shape (n_states, n_states)."""
+    n = x.size
+    scale = np.maximum(np.abs(x), 1e-3) if scale is None else scale
+    J = np.empty((n, n))
+    for j in range(n):
+        shift = np.zeros(n)
+        shift[j] = 1e-5 * scale[j]
+        J[:, j] = (rates_of(simulator, x + shift, u, p) - rates_of(simulator, x - shift, u, p)) / (
+            2 * shift[j]
+        )
+    return J
+
+
+def cut(pieces, length: int, shortest: int) -> Windows:
+    """Cut pieces of a record into windows of about ``length`` samples; pieces below ``shortest`` are left out.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps, in order, each with the first sample of its session.
+    """
+    first, last, fresh, began = [], [], [], []
+    for piece, session in pieces:
+        n = piece.stop - piece.start
+        if n < shortest:
+            continue
+        count = max(1, round(n / length))
+        edges = np.linspace(piece.start, piece.stop, count + 1).astype(int)
+        for i in range(count):
+            first.append(edges[i])
+            last.append(edges[i + 1])
+            fresh.append(i == 0)
+            began.append(session)
+    integers = [np.array(values, dtype=np.int64) for values in (first, last, began)]
+    return Windows(integers[0], integers[1], np.array(fresh, dtype=bool), integers[2])
+
+
+def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
+    """Return the number of samples in a window: many time constants, or a share of the record."""
+    n_free = int(simulator.free_states.sum())
+    wanted = n_samples / WINDOWS
+    if pace.forgets and pace.time_constant > 0:
+        wanted = TIME_CONSTANTS * pace.time_constant / simulator.dt
+    length = np.clip(wanted, n_samples / MOST, n_samples / FEWEST)
+    return int(max(length, 8 * (n_free + 1)))
+
+
+def slowest_time_constant(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> float:
+    """Return the longest time constant, s, of the modes that decay; 0 when there is none."""
+    return find_pace(simulator, x, u).time_constant

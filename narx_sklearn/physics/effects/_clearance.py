@@ -1,0 +1,217 @@
+"""Lost motion: backlash, dead zone, clearance, a sticking valve."""
+
+import numpy as np
+
+from narx_sklearn.model.operators import play_step
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._curves import of_level, plays
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._series import by_pieces
+from narx_sklearn.physics.effects._starts import at_signal, grid, quantiles, scaled, spread, telling
+
+
+@kernel
+def _play_run(values, radius):
+    """Return the play operator along values; it starts centred on the first."""
+    out = np.empty(values.size)
+    w = values[0]
+    for k in range(values.size):
+        w = play_step(w, values[k], radius)
+        out[k] = w
+    return out
+
+
+def _backlash_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (by_pieces(_play_run, signal, first, theta[1]) - signal)
+
+
+@kernel
+def _backlash(argument, rate, own, second, time, step, z, theta, dz):
+    """z[0] is the follower, z[1] tells that it has begun: centred where the motion begins."""
+    before = z[0] if z[1] > 0.0 else argument
+    dz[0] = play_step(before, argument, theta[1])
+    dz[1] = 1.0
+    return theta[0] * (dz[0] - argument)
+
+
+def _backlash_starts(setting: Setting) -> np.ndarray:
+    """At an input all of the motion is lost; in a state equation the force is what is of ordinary size."""
+    rows = grid([1.0], np.array([0.05, 0.15, 0.5]) * spread(setting.argument))
+    if at_signal(setting):
+        return telling(setting, rows, _backlash_transform)
+    return scaled(
+        setting,
+        rows,
+        lambda row: (
+            _backlash_transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
+        ),
+    )
+
+
+def _dead_zone_transform(signal, second, dt, theta, first):
+    return signal - np.clip(signal, -theta[0], theta[0])
+
+
+def _dead_zone_starts(setting: Setting) -> np.ndarray:
+    size = np.abs(setting.argument)
+    shares = np.array([0.05, 0.15]) * quantiles(size, 1.0)
+    widths = np.unique(np.concatenate([shares, quantiles(size, [0.1, 0.25, 0.4])]))
+    return telling(setting, grid(widths[widths > 0]), _dead_zone_transform)
+
+
+@kernel
+def _past_gap(x, g, c):
+    """Return how far x is beyond the gap of half-width g round c; 0 inside."""
+    return x - c - min(max(x - c, -g), g)
+
+
+@kernel
+def _clearance(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * _past_gap(argument, theta[1], theta[2])
+
+
+def _past_gap_of_level(level, g, c):
+    return level - c - np.clip(level - c, -g, g)
+
+
+def _clearance_starts(setting: Setting) -> np.ndarray:
+    low, middle, high = quantiles(setting.argument, [0.0, 0.5, 1.0])
+    if not high > low:
+        return np.empty((0, 3))
+    gaps = quantiles(np.abs(setting.argument - middle), [0.3, 0.6, 0.9])
+    wide = 2 * (high - low)  # puts the other stop out of reach
+    upper, lower = quantiles(setting.argument, [0.85, 0.15])
+    rows = np.concatenate(
+        [grid([1.0], gaps, [middle]), [[1.0, wide, upper - wide], [1.0, wide, lower + wide]]]
+    )
+    return scaled(setting, rows, lambda row: _past_gap_of_level(setting.argument, *row[1:]))
+
+
+@kernel
+def _stiction_run(values, stick, slip):
+    """Return the stem along values; it starts relaxed on the first.
+
+    At rest it bears a withheld move of (S + J)/2 either way, sliding it trails by (S - J)/2: so a reversal
+    takes S and going on after a stop takes J.
+    """
+    breakaway = 0.5 * (stick + slip)
+    trailing = 0.5 * (stick - slip)
+    out = np.empty(values.size)
+    stem = values[0]
+    direction = 0.0  # of the slide; 0 at rest
+    for k in range(values.size):
+        move = values[k] - values[k - 1] if k > 0 else 0.0
+        withheld = values[k] - stem
+        if move * direction <= 0.0:
+            direction = 0.0
+        if abs(withheld) > breakaway:
+            direction = 1.0 if withheld > 0.0 else -1.0
+        if direction != 0.0:
+            stem = values[k] - direction * trailing
+        out[k] = stem
+    return out
+
+
+def _stiction_transform(signal, second, dt, theta, first):
+    return by_pieces(_stiction_run, signal, first, theta[0], theta[0] * theta[1])
+
+
+def _stiction_starts(setting: Setting) -> np.ndarray:
+    rows = grid(np.array([0.2, 0.6]) * spread(setting.argument), [0.3, 1.0])
+    return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
+
+
+def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return plays(argument, theta[1])
+
+
+def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("past_dead_zone", _past_gap_of_level, (theta[0], 0.0), argument)
+
+
+def _clearance_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("past_gap", _past_gap_of_level, theta[1:], argument)
+
+
+def _valve_stiction_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return plays(argument, 0.5 * theta[0])
+
+
+CLEARANCE = (
+    Effect(
+        code="backlash",
+        title="Backlash",
+        sentence="At every reversal some motion is lost before the other side is touched again.",
+        equation="s + k (P_b[s] - s) at an input, k = 1 for full lost motion; k (P_b[x] - x) in a state "
+        "equation; P_b is the play of half-width b",
+        parameters=(EffectParameter("k", "{port}/({arg})", 0.0), EffectParameter("b", "{arg}", 0.0)),
+        starts=_backlash_starts,
+        force=_backlash,
+        transform=_backlash_transform,
+        output_port=False,
+        argument="any",
+        n_memory=2,
+        jumps=True,
+        lookalikes=(
+            "coulomb_friction",
+            "dead_zone",
+            "delay",
+            "valve_stiction",
+            "prandtl_ishlinskii",
+            "bouc_wen_hysteresis",
+            "clearance",
+        ),
+        separate_by="slow reversals at two rates and two amplitudes",
+        source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
+        phi=_backlash_phi,
+    ),
+    Effect(
+        code="dead_zone",
+        title="Dead zone",
+        sentence="Small commands do nothing.",
+        equation="0 for |s| < d, s - d sgn(s) outside",
+        parameters=(EffectParameter("d", "{port}", 0.0),),
+        starts=_dead_zone_starts,
+        transform=_dead_zone_transform,
+        output_port=False,
+        amplitude=None,
+        lookalikes=("backlash", "coulomb_friction", "valve_stiction"),
+        separate_by="the same input repeated about an offset",
+        source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
+        phi=_dead_zone_phi,
+    ),
+    Effect(
+        code="clearance",
+        title="Clearance or end stop",
+        sentence="Nothing is felt inside a gap; beyond it a spring is hit.",
+        equation="0 for |x - c| < g, -k (x - c - g sgn(x - c)) outside",
+        parameters=(
+            EffectParameter("k", "{port}/({arg})", 0.0),
+            EffectParameter("g", "{arg}", 0.0),
+            EffectParameter("c", "{arg}"),
+        ),
+        starts=_clearance_starts,
+        force=_clearance,
+        argument="position",
+        lookalikes=("cubic_stiffness", "backlash", "bilinear_stiffness"),
+        separate_by="amplitudes below and above the gap",
+        source="Shaw and Holmes 1983, J. Sound Vib. 90(1), eq. (1)",
+        phi=_clearance_phi,
+    ),
+    Effect(
+        code="valve_stiction",
+        title="Sticking valve",
+        sentence="The stem holds until the command has moved far enough, then jumps.",
+        equation="held until the command has moved by S, then a jump by J = j S, then s - (S - J)/2 sgn(v)",
+        parameters=(EffectParameter("S", "{port}", 0.0), EffectParameter("j", "-", 0.0, 1.0)),
+        starts=_stiction_starts,
+        transform=_stiction_transform,
+        output_port=False,
+        amplitude=None,
+        lookalikes=("backlash", "dead_zone", "stuck_sensor", "quantisation"),
+        separate_by="a bump test in manual, and another controller gain",
+        source="Choudhury, Thornhill and Shah 2005, Control Eng. Pract. 13(5), sec. 4, in S and J",
+        phi=_valve_stiction_phi,
+    ),
+)

@@ -1,0 +1,171 @@
+"""Linear dynamics that were left out: delay, lag, a mode."""
+
+import numpy as np
+from scipy.linalg import expm
+
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._series import by_pieces, time_since
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    lines_in_time,
+    record_length,
+    scaled,
+    spread,
+    time_scale,
+)
+
+
+def _delay_transform(signal, second, dt, theta, first):
+    """Interpolate between samples; before its first value a piece is held."""
+    time = time_since(first, signal.size, dt)
+    began = np.flatnonzero(time == 0)
+    out = np.array(signal, dtype=float)
+    for a, b in zip(began, [*began[1:], signal.size], strict=True):
+        good = np.flatnonzero(np.isfinite(signal[a:b]))
+        if good.size:
+            out[a + good] = np.interp(time[a + good] - theta[0], time[a + good], signal[a + good])
+    return out
+
+
+def _times(setting: Setting, shares) -> np.ndarray:
+    """Return shares of the signal's time scale, between half a sample and a fifth of the record."""
+    longest = record_length(setting) / 5
+    if spread(setting.argument) == 0 or longest < setting.dt:
+        return np.empty((0, 1))
+    times = np.array(shares) * time_scale(setting)
+    return grid(np.unique(np.clip(times, 0.5 * setting.dt, longest)))
+
+
+def _delay_starts(setting: Setting) -> np.ndarray:
+    return _times(setting, (0.05, 0.15, 0.5))
+
+
+@kernel
+def _lag_run(values, decay, new):
+    """Return the lag along values, at rest on the first; exact where they are straight between samples."""
+    out = np.empty(values.size)
+    out[0] = values[0]
+    for k in range(1, values.size):
+        out[k] = decay * out[k - 1] + (1.0 - decay - new) * values[k - 1] + new * values[k]
+    return out
+
+
+def _lag_transform(signal, second, dt, theta, first):
+    ratio = dt / max(theta[0], 1e-12 * dt)
+    return by_pieces(_lag_run, signal, first, np.exp(-ratio), 1.0 + np.expm1(-ratio) / ratio)
+
+
+def _lag_starts(setting: Setting) -> np.ndarray:
+    return _times(setting, (0.05, 0.2, 1.0, 5.0))
+
+
+@kernel
+def _extra_mode(argument, rate, own, second, time, step, z, theta, dz):
+    """z holds how far the mode is ahead of the argument, and the mode's own speed."""
+    w = min(theta[1], 1.0 / step)  # no faster than a step can follow
+    damping = min(2.0 * theta[2] * w, 1.0 / step)
+    dz[0] = z[1] - rate
+    dz[1] = -damping * z[1] - w * w * z[0]
+    return theta[0] * z[0]
+
+
+@kernel
+def _mode_run(values, A, before, now):
+    """Return the first state of a linear system of two along values, at rest on the first of them."""
+    out = np.empty(values.size)
+    p = values[0]
+    v = 0.0
+    out[0] = p
+    for k in range(1, values.size):
+        moved = A[0, 0] * p + A[0, 1] * v + before[0] * values[k - 1] + now[0] * values[k]
+        v = A[1, 0] * p + A[1, 1] * v + before[1] * values[k - 1] + now[1] * values[k]
+        p = moved
+        out[k] = p
+    return out
+
+
+def _mode_matrices(w: float, zeta: float, dt: float):
+    """Return the sampled mode of unit static gain, exact where the signal is straight between samples."""
+    M = np.zeros((4, 4))
+    M[0, 1] = dt
+    M[1, :3] = np.array([-w * w, -2 * zeta * w, w * w]) * dt
+    M[2, 3] = 1.0
+    E = expm(M)
+    return np.ascontiguousarray(E[:2, :2]), E[:2, 2] - E[:2, 3], E[:2, 3].copy()
+
+
+def _extra_mode_transform(signal, second, dt, theta, first):
+    w, zeta = min(theta[1], np.pi / dt), theta[2]  # what is faster than the sampling cannot be told from it
+    return signal + theta[0] * (by_pieces(_mode_run, signal, first, *_mode_matrices(w, zeta, dt)) - signal)
+
+
+def _extra_mode_starts(setting: Setting) -> np.ndarray:
+    """Light damping at the residual's strongest lines and over the signal's band; and a slow pole."""
+    scale = time_scale(setting)
+    if scale == 0:
+        return np.empty((0, 3))
+    w = lines_in_time(setting, 2)
+    w = np.concatenate([w, np.array([0.5, 1.5, 4.0]) / scale])
+    w = w[w < 0.8 * np.pi / setting.dt]
+    rows = np.concatenate([grid([1.0], w, [0.05]), [[1.0, 0.3 / scale, 2.0]]])
+    return scaled(
+        setting,
+        rows,
+        lambda row: (
+            _extra_mode_transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
+        ),
+    )
+
+
+DYNAMICS = (
+    Effect(
+        code="delay",
+        title="Delay",
+        sentence="Everything comes a fixed time late.",
+        equation="s(t - T)",
+        parameters=(EffectParameter("T", "s", 0.0),),
+        starts=_delay_starts,
+        transform=_delay_transform,
+        amplitude=None,
+        lookalikes=("lag", "backlash", "rate_limit"),
+        separate_by="a wideband signal: the phase falls in proportion to frequency",
+        source="Ljung 1999, System Identification, sec. 4.2",
+        narx_terms="longer lags of u",
+    ),
+    Effect(
+        code="lag",
+        title="Lag",
+        sentence="The signal arrives smoothed, as through a filter.",
+        equation="T s_out' = s - s_out",
+        parameters=(EffectParameter("T", "s", 0.0),),
+        starts=_lag_starts,
+        transform=_lag_transform,
+        amplitude=None,
+        lookalikes=("delay", "rate_limit", "extra_mode", "creep"),
+        separate_by="a wideband signal: the gain rolls off",
+        source="Ljung 1999, System Identification, sec. 4.2",
+        narx_terms="longer lags of u and y",
+    ),
+    Effect(
+        code="extra_mode",
+        title="Linear dynamics left out",
+        sentence="Something attached swings along, or follows slowly.",
+        equation="g (M[s] - s), added; M'' = w^2 (s - M) - 2 zeta w M'",
+        parameters=(
+            EffectParameter("g", "{port}/({arg})"),
+            EffectParameter("w", "rad/s", 0.0),
+            EffectParameter("zeta", "-", 0.0, 20.0),
+        ),
+        starts=_extra_mode_starts,
+        force=_extra_mode,
+        transform=_extra_mode_transform,
+        input_port=False,
+        argument="position",
+        n_memory=2,
+        lookalikes=("lag", "creep", "periodic_disturbance"),
+        separate_by="repeated periods: its response repeats, and is free of distortion",
+        source="Pintelon and Schoukens 2012, System Identification: A Frequency Domain Approach, sec. 3.2",
+        narx_terms="longer lags of u and y",
+    ),
+)

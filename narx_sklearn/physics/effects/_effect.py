@@ -1,0 +1,169 @@
+"""What a missing piece of physics is: an equation at a port, with parameters, signs, starts, look-alikes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+PORTS = ("input", "state", "output")
+ARGUMENTS = ("none", "own", "position", "any", "input")
+SECONDS = (None, "input", "channel")
+MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
+MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
+
+
+class EffectParameter(NamedTuple):
+    """One parameter of an effect.
+
+    The unit is a template: ``{port}`` stands for the unit of what is added to (an input, a state's rate, an
+    output), ``{arg}`` for the unit of the argument, ``{second}`` for that of the second argument.
+    """
+
+    name: str
+    unit: str
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+class Setting(NamedTuple):
+    """What a record shows at one place: the material from which starting values are taken.
+
+    All arrays have shape (n_samples,) and hold the samples of the fitting windows, in order of time.
+    """
+
+    argument: np.ndarray  # at an input or output port: the signal itself
+    rate: np.ndarray  # d(argument)/dt
+    own: np.ndarray  # at a state port: the rate of the port's state as the simulator has it; else the signal
+    second: np.ndarray | None  # the second argument, when there is one
+    time: np.ndarray  # seconds since the session began
+    dt: float
+    first: np.ndarray  # indices at which a session or a gap's other side begins
+    residual: np.ndarray | None = (
+        None  # measured less simulated output, where the caller has it: frequencies show in it
+    )
+
+
+def no_start(setting: Setting) -> np.ndarray:
+    """Return no starting value: the effect does not apply."""
+    return np.empty((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """One entry of the catalogue.
+
+    Parameters
+    ----------
+    code : str
+        Short name, for lists and reports.
+    title, sentence : str
+        A title and one plain sentence for an engineer.
+    equation : str
+        The equation in the parameters' names; ``x`` is the argument, ``v`` its rate, ``s`` the port's signal.
+    parameters : tuple of EffectParameter
+        At most seven.
+    starts : callable
+        ``starts(setting) -> ndarray (n_starts, n_parameters)``: parameter values worth trying on these data,
+        of an ordinary size; none when the effect cannot be told from nothing on them.
+    force : callable, optional
+        For a state port: ``force(argument, rate, own, second, time, step, z, theta, dz) -> float``, added to
+        the state's rate; compiled by numba. It writes ``dz/dt`` (or the new ``z`` where ``jumps``).
+    transform : callable, optional
+        For an input or output port: ``transform(signal, second, dt, theta, first) -> ndarray``, the whole
+        signal at once; ``first`` holds the indices where it begins anew.
+    argument : {"none", "own", "position", "any", "input"}
+        What the force depends on at a state port: nothing; the port's own state; the position that goes with
+        it (its integral where the equations have one, else the state itself); any state; an input.
+    second : {None, "input", "channel"}
+        Second argument: every input, or every measured channel that the simulator does not use.
+    amplitude : int or None
+        Index of the parameter that scales the whole effect; None when no parameter does.
+    n_memory : int
+        States of its own.
+    jumps : bool
+        Whether its states jump to their new value at each sample, as play operators do.
+    onward : bool
+        Whether what is lost at the port may go on to another state; the share is then a parameter of its own.
+    lookalikes : tuple of str
+        Codes it is easily confused with.
+    separate_by : str
+        The excitation that tells it apart.
+    source : str
+        Authors, year, equation.
+    phi : callable, optional
+        ``phi(theta, argument, dt) -> tuple of Phi``: its regressors in a NARX model, as functions of the
+        signal named ``argument``: the measured signal itself at an input or output, and the position, so that
+        rates become first differences, for forces that depend on a rate.
+    narx_terms : str
+        Which polynomial terms do it in a NARX model, where no phi regressor is needed.
+    argument_units : tuple of str
+        Units one of which the argument must have where its unit is known (an angle); empty for any.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> saturation = CATALOGUE["input_saturation"]
+    >>> saturation.ports, [parameter.name for parameter in saturation.parameters]
+    (('input',), ['low', 'high'])
+    >>> saturation.transform(np.array([-3.0, 0.5, 2.0]), None, 0.01, [-1.0, 1.5], [0]).tolist()
+    [-1.0, 0.5, 1.5]
+    """
+
+    code: str
+    title: str
+    sentence: str
+    equation: str
+    parameters: tuple[EffectParameter, ...]
+    starts: Callable[[Setting], np.ndarray]
+    force: Any = None
+    transform: Any = None
+    input_port: bool = True
+    output_port: bool = True
+    argument: str = "own"
+    second: str | None = None
+    amplitude: int | None = 0
+    n_memory: int = 0
+    jumps: bool = False
+    onward: bool = False
+    lookalikes: tuple[str, ...] = ()
+    separate_by: str = ""
+    source: str = ""
+    phi: Any = None
+    narx_terms: str = ""
+    argument_units: tuple[str, ...] = ()
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Kinds of port at which it can act."""
+        at_signal = self.transform is not None
+        return tuple(
+            kind
+            for kind, can in zip(
+                PORTS,
+                (at_signal and self.input_port, self.force is not None, at_signal and self.output_port),
+                strict=True,
+            )
+            if can
+        )
+
+    @property
+    def memoryless(self) -> bool:
+        """Whether its force depends on the present values alone."""
+        return self.n_memory == 0
+
+    def __repr__(self) -> str:
+        return f"Effect({self.code!r})"
+
+    def __reduce__(self):
+        from narx_sklearn.physics.effects import restore_effect
+
+        return restore_effect, (self.code,) if is_built_in(self) else (self.code, self.__dict__.copy())
+
+
+def is_built_in(effect: Effect) -> bool:
+    """Tell whether the effect is one of the catalogue's own."""
+    from narx_sklearn.physics.effects import BUILT_IN, CATALOGUE
+
+    return effect.code in BUILT_IN and CATALOGUE[effect.code] is effect

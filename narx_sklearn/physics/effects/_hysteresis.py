@@ -1,0 +1,235 @@
+"""Hysteresis with many reversals remembered, and creep."""
+
+import numpy as np
+
+from narx_sklearn.model.operators import play_step
+from narx_sklearn.model.phi import AbsoluteDifference, DifferenceSign, Phi
+from narx_sklearn.physics.effects._curves import plays
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._series import by_pieces
+from narx_sklearn.physics.effects._starts import grid, quantiles, scaled, spread, time_constants
+
+N_PLAYS = 10  # radii of the Prandtl-Ishlinskii model, evenly up to the largest
+N_LAGS = 3  # slow poles half a decade apart: together close to log(t) over a decade and a half
+FINEST_STEP = 0.1  # of the yield displacement, in which a Bouc-Wen element follows a sample's move
+FORGOTTEN = 20.0  # yield displacements of one move after which nothing of what was before is left
+
+
+@kernel
+def _bouc_wen_slope(z, direction, zy, beta, n):
+    """Return dz/dx of a Bouc-Wen element with |z| <= zy, moving up (1) or down (-1)."""
+    share = min(abs(z) / zy, 1.0) ** n
+    along = direction if z > 0.0 else (-direction if z < 0.0 else 0.0)
+    return 1.0 - (beta * along + 1.0 - beta) * share
+
+
+@kernel
+def _bouc_wen(argument, rate, own, second, time, step, z, theta, dz):
+    direction = 1.0 if rate > 0.0 else -1.0
+    change = rate * _bouc_wen_slope(z[0], direction, theta[1], theta[2], theta[3])
+    # z is bounded by its equation; one long step must not leave that bound
+    dz[0] = min(max(change, (-theta[1] - z[0]) / step), (theta[1] - z[0]) / step)
+    return -theta[0] * z[0]
+
+
+@kernel
+def _bouc_wen_run(values, zy, beta, n):
+    """Return z along values, from 0 on the first."""
+    out = np.empty(values.size)
+    z = 0.0
+    for k in range(values.size):
+        move = values[k] - values[k - 1] if k > 0 else 0.0
+        move = min(max(move, -FORGOTTEN * zy), FORGOTTEN * zy)
+        n_steps = int(np.ceil(abs(move) / (FINEST_STEP * zy)))
+        direction = 1.0 if move > 0.0 else -1.0
+        for _ in range(n_steps):
+            part = move / n_steps
+            middle = z + 0.5 * part * _bouc_wen_slope(z, direction, zy, beta, n)
+            z += part * _bouc_wen_slope(middle, direction, zy, beta, n)
+            z = min(max(z, -zy), zy)
+        out[k] = z
+    return out
+
+
+def _bouc_wen_transform(signal, second, dt, theta, first):
+    return signal - theta[0] * by_pieces(_bouc_wen_run, signal, first, theta[1], theta[2], theta[3])
+
+
+def _added(setting: Setting, transform):
+    """Return what a transform adds to the argument, as a function of the parameters."""
+    return lambda row: (
+        transform(setting.argument, setting.second, setting.dt, row, setting.first) - setting.argument
+    )
+
+
+def _bouc_wen_starts(setting: Setting) -> np.ndarray:
+    size = spread(setting.argument)
+    if size == 0:
+        return np.empty((0, 4))
+    first_order = grid([1.0], np.array([0.1, 0.4, 1.2]) * size, [0.75], [1.0])
+    rows = np.concatenate([first_order, [[1.0, 0.4 * size, 0.75, 2.0]]])
+    return scaled(setting, rows, _added(setting, _bouc_wen_transform))
+
+
+@kernel
+def _weight(i, q):
+    """Return the weight of play i = 1 ... N_PLAYS, before they are scaled to sum 1."""
+    return (i / N_PLAYS) ** q
+
+
+@kernel
+def _prandtl_ishlinskii(argument, rate, own, second, time, step, z, theta, dz):
+    """z[0 ... N_PLAYS - 1] are the plays, z[N_PLAYS] tells that they have begun."""
+    withheld = 0.0
+    total = 0.0
+    for i in range(N_PLAYS):
+        before = z[i] if z[N_PLAYS] > 0.0 else argument
+        dz[i] = play_step(before, argument, theta[1] * (i + 1) / N_PLAYS)
+        weight = _weight(i + 1, theta[2])
+        withheld += weight * (dz[i] - argument)
+        total += weight
+    dz[N_PLAYS] = 1.0
+    return theta[0] * withheld / total
+
+
+@kernel
+def _weighted_plays_run(values, radius, q):
+    """Return the weighted mean of the plays along values; all start centred on the first."""
+    out = np.zeros(values.size)
+    total = 0.0
+    for i in range(N_PLAYS):
+        weight = _weight(i + 1, q)
+        total += weight
+        w = values[0]
+        for k in range(values.size):
+            w = play_step(w, values[k], radius * (i + 1) / N_PLAYS)
+            out[k] += weight * w
+    return out / total
+
+
+def _prandtl_ishlinskii_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (by_pieces(_weighted_plays_run, signal, first, theta[1], theta[2]) - signal)
+
+
+def _prandtl_ishlinskii_starts(setting: Setting) -> np.ndarray:
+    half = 0.5 * np.diff(quantiles(setting.argument, [0.0, 1.0]))[0]
+    if not half > 0:
+        return np.empty((0, 3))
+    rows = grid([1.0], np.array([0.3, 1.0, 2.0]) * half, [0.0])
+    return scaled(setting, rows, _added(setting, _prandtl_ishlinskii_transform))
+
+
+@kernel
+def _time_of_lag(i, T):
+    return T * 10.0 ** (0.5 * i)
+
+
+@kernel
+def _creep(argument, rate, own, second, time, step, z, theta, dz):
+    """z holds how far the argument is ahead of its slow followers: nothing where the motion begins."""
+    ahead = 0.0
+    for i in range(N_LAGS):
+        dz[i] = rate - z[i] / max(_time_of_lag(i, theta[1]), step)
+        ahead += z[i]
+    return -theta[0] * ahead / N_LAGS
+
+
+@kernel
+def _creep_run(values, dt, T):
+    """Return the mean of the slow followers along values, at rest on the first."""
+    out = np.zeros(values.size)
+    for i in range(N_LAGS):
+        ratio = dt / max(_time_of_lag(i, T), 1e-12 * dt)
+        decay = np.exp(-ratio)
+        # exact where the signal is straight between samples
+        new = 1.0 + np.expm1(-ratio) / ratio
+        follower = values[0]
+        for k in range(values.size):
+            if k > 0:
+                follower = decay * follower + (1.0 - decay - new) * values[k - 1] + new * values[k]
+            out[k] += follower / N_LAGS
+    return out
+
+
+def _creep_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (by_pieces(_creep_run, signal, first, dt, theta[1]) - signal)
+
+
+def _creep_starts(setting: Setting) -> np.ndarray:
+    return scaled(setting, grid([1.0], time_constants(setting, 5)[1:]), _added(setting, _creep_transform))
+
+
+def _bouc_wen_hysteresis_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return (AbsoluteDifference(argument), DifferenceSign(argument))
+
+
+def _prandtl_ishlinskii_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return plays(argument, 0.2 * theta[1], 0.5 * theta[1], theta[1])
+
+
+HYSTERESIS = (
+    Effect(
+        code="bouc_wen_hysteresis",
+        title="Bouc-Wen hysteresis",
+        sentence="The response depends on where the motion last turned, however slowly it goes.",
+        equation="-k z in a state equation, s - k z at an input; z' = v - v (beta sgn(v z) + 1 - beta) "
+        "|z/zy|^n, that is A = 1, b = beta/zy^n, g = (1 - beta)/zy^n",
+        parameters=(
+            EffectParameter("k", "{port}/({arg})", 0.0),
+            EffectParameter("zy", "{arg}", 1e-15),
+            EffectParameter("beta", "-", 0.5, 2.0),
+            EffectParameter("n", "-", 0.5, 6.0),
+        ),
+        starts=_bouc_wen_starts,
+        force=_bouc_wen,
+        transform=_bouc_wen_transform,
+        output_port=False,
+        argument="position",
+        n_memory=1,
+        lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
+        separate_by="loops at three rates, and minor loops",
+        source="Wen 1976, J. Eng. Mech. Div. ASCE 102(2); Ismail, Ikhouane and Rodellar 2009, Arch. Comput. "
+        "Methods Eng. 16(2), sec. 2 (bound of z)",
+        phi=_bouc_wen_hysteresis_phi,
+    ),
+    Effect(
+        code="prandtl_ishlinskii",
+        title="Prandtl-Ishlinskii hysteresis",
+        sentence="Many small lost motions add up to loops that close where they began.",
+        equation="w (mean of P_ri[s] - s, weights i^q), added; plays of half-width ri = r i/10, i = 1 ... 10",
+        parameters=(
+            EffectParameter("w", "{port}/({arg})", 0.0),
+            EffectParameter("r", "{arg}", 0.0),
+            EffectParameter("q", "-", -3.0, 10.0),
+        ),
+        starts=_prandtl_ishlinskii_starts,
+        force=_prandtl_ishlinskii,
+        transform=_prandtl_ishlinskii_transform,
+        output_port=False,
+        argument="position",
+        n_memory=N_PLAYS + 1,
+        jumps=True,
+        lookalikes=("bouc_wen_hysteresis", "backlash", "presliding_friction", "creep"),
+        separate_by="first-order reversal curves",
+        source="Kuhnen 2003, Eur. J. Control 9(4), sec. 2; Visintin 1994, Differential Models of Hysteresis",
+        phi=_prandtl_ishlinskii_phi,
+    ),
+    Effect(
+        code="creep",
+        title="Creep",
+        sentence="After every step it goes on a little, ever more slowly.",
+        equation="g (mean of L_Ti[s] - s), added; slow lags Ti = T 10^(i/2), i = 0, 1, 2",
+        parameters=(EffectParameter("g", "{port}/({arg})", 0.0), EffectParameter("T", "s", 0.0)),
+        starts=_creep_starts,
+        force=_creep,
+        transform=_creep_transform,
+        input_port=False,
+        argument="position",
+        n_memory=N_LAGS,
+        lookalikes=("additive_drift", "extra_mode", "lag", "prandtl_ishlinskii"),
+        separate_by="long holds at several levels",
+        source="Croft, Shed and Devasia 2001, J. Dyn. Syst. Meas. Control 123(1), sec. 2",
+        narx_terms="a slow pole: longer lags of y",
+    ),
+)

@@ -1,0 +1,152 @@
+"""Limits: of an input, of its rate, of a level, of a sensor."""
+
+import numpy as np
+
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._curves import of_difference, of_level
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._series import by_pieces
+from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
+
+
+def _between(level, low, high):
+    return np.clip(level, min(low, high), max(low, high))
+
+
+def _clip_transform(signal, second, dt, theta, first):
+    return _between(signal, theta[0], theta[1])
+
+
+def _clip_starts(setting: Setting) -> np.ndarray:
+    """Both levels, then one alone; the other is then out of reach, by twice the range."""
+    lowest, highest = quantiles(setting.argument, [0.0, 1.0])
+    reach = 2 * (highest - lowest)
+    both = [quantiles(setting.argument, [1 - share, share]) for share in (0.75, 0.9, 0.97)]
+    low, high = quantiles(setting.argument, [0.15, 0.85])
+    rows = np.array([*both, [low, highest + reach], [lowest - reach, high]])
+    return telling(setting, rows, _clip_transform)
+
+
+@kernel
+def _rate_limit_run(values, most):
+    """Follow the values by at most ``most`` a sample, from the first value on."""
+    out = np.empty(values.size)
+    at = values[0]
+    for k in range(values.size):
+        at += min(max(values[k] - at, -most), most)
+        out[k] = at
+    return out
+
+
+def _rate_limit_transform(signal, second, dt, theta, first):
+    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt)
+
+
+def _limited_difference(now, before, most):
+    return np.clip(now - before, -most, most)
+
+
+def _rate_limit_starts(setting: Setting) -> np.ndarray:
+    moves = np.abs(np.diff(setting.argument)) / setting.dt
+    moves = moves[np.isfinite(moves)]
+    moves = moves[moves > 0]
+    if moves.size == 0:
+        return np.empty((0, 1))
+    # a record of steps shows its limit as ramps of some samples, a smooth one near its fastest slopes
+    limits = np.unique(
+        np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3]) * moves.max()])
+    )
+    return telling(setting, grid(limits), _rate_limit_transform)
+
+
+@kernel
+def _overflow(argument, rate, own, second, time, step, z, theta, dz):
+    """Take away what one step would lift above the limit, and never more than flows in."""
+    return -min(max((argument - theta[0]) / step + own, 0.0), max(own, 0.0))
+
+
+def _overflow_starts(setting: Setting) -> np.ndarray:
+    if spread(setting.argument) == 0 or not quantiles(setting.own, 1.0) > 0:
+        return np.empty((0, 1))
+    return grid(np.unique(quantiles(setting.argument, [0.7, 0.85, 0.95, 0.99])))
+
+
+def _above(now, before, level):
+    return np.maximum(now - level, 0.0) * (now > before)
+
+
+def _input_saturation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("clip", _between, theta[:2], argument)
+
+
+def _rate_limit_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_difference("limited_difference", _limited_difference, (theta[0] * dt,), argument)
+
+
+def _overflow_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_difference("above_rim", _above, theta[:1], argument)
+
+
+LIMITS = (
+    Effect(
+        code="input_saturation",
+        title="Saturation of the input",
+        sentence="Beyond a level the drive gives no more.",
+        equation="min(max(s, low), high)",
+        parameters=(EffectParameter("low", "{port}"), EffectParameter("high", "{port}")),
+        starts=_clip_starts,
+        transform=_clip_transform,
+        output_port=False,
+        amplitude=None,
+        lookalikes=("sensor_clip", "input_polynomial", "cubic_stiffness", "rate_limit", "bilinear_input"),
+        separate_by="an amplitude ladder",
+        source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
+        phi=_input_saturation_phi,
+    ),
+    Effect(
+        code="rate_limit",
+        title="Rate limit",
+        sentence="The drive cannot follow fast commands.",
+        equation="|ds/dt| <= r",
+        parameters=(EffectParameter("r", "{port}/s", 0.0),),
+        starts=_rate_limit_starts,
+        transform=_rate_limit_transform,
+        output_port=False,
+        amplitude=None,
+        lookalikes=("lag", "delay", "input_saturation"),
+        separate_by="equal slews at different amplitudes",
+        source="Duda 1998, J. Guid. Control Dyn. 21(5)",
+        phi=_rate_limit_phi,
+    ),
+    Effect(
+        code="overflow",
+        title="Overflow",
+        sentence="Above the rim whatever flows in is lost, or spills onward.",
+        equation="-max(s', 0) while s >= h",
+        parameters=(EffectParameter("h", "{arg}"),),
+        starts=_overflow_starts,
+        force=_overflow,
+        amplitude=None,
+        onward=True,
+        lookalikes=("sensor_clip", "root_outflow"),
+        separate_by="timing the fall after the flat top",
+        source="Schoukens and Noel 2017, IFAC-PapersOnLine 50(1), sec. 4 (cascaded tanks)",
+        phi=_overflow_phi,
+    ),
+    Effect(
+        code="sensor_clip",
+        title="Clipped sensor",
+        sentence="The sensor does not show what lies beyond its range.",
+        equation="min(max(s, low), high)",
+        parameters=(EffectParameter("low", "{port}"), EffectParameter("high", "{port}")),
+        starts=_clip_starts,
+        transform=_clip_transform,
+        input_port=False,
+        amplitude=None,
+        lookalikes=("input_saturation", "overflow"),
+        separate_by="counting values at the flat top, and timing the fall after it",
+        source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
+        phi=_input_saturation_phi,
+    ),
+)

@@ -1,0 +1,258 @@
+"""Loads: weight, cogging, drag, outflow, and what other signals bring in."""
+
+import numpy as np
+
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._curves import of_difference, of_level
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._starts import grid, lines_in_angle, quantiles, scaled, spread
+
+SMALLEST_TURN = 0.05  # rad: below it the sine of an angle is the angle
+QUARTER = 0.5 * np.pi
+TURN = 2 * np.pi
+
+
+@kernel
+def _gravity(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * np.sin(argument + theta[1])
+
+
+def _gravity_starts(setting: Setting) -> np.ndarray:
+    """The angle counted from hanging, and from level."""
+    if _turn(setting) < SMALLEST_TURN:
+        return np.empty((0, 2))
+    return scaled(setting, grid([1.0], [0.0, QUARTER]), lambda row: np.sin(setting.argument + row[1]))
+
+
+def _turn(setting: Setting) -> float:
+    low, high = quantiles(setting.argument, [0.0, 1.0])
+    return high - low if high > low else 0.0
+
+
+@kernel
+def _ripple(angle, N, p, r):
+    return np.sin(N * angle + p) + r * np.sin(2.0 * N * angle + p)
+
+
+@kernel
+def _cogging(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * _ripple(argument, theta[1], theta[2], theta[3])
+
+
+def _ripple_of_level(level, N, p, r):
+    return np.sin(N * level + p) + r * np.sin(2.0 * N * level + p)
+
+
+def _cogging_starts(setting: Setting) -> np.ndarray:
+    """Wave numbers where the residual shows them; else a few that pass two to sixteen waves in the range.
+
+    Over more than a turn they are whole numbers, since the load repeats with the angle.
+    """
+    turn = _turn(setting)
+    if turn < SMALLEST_TURN:
+        return np.empty((0, 4))
+    # a fifth of the width of a line apart, so that none is missed
+    waves = np.arange(1, 101) if turn > TURN else TURN / turn * np.arange(1.0, 40.0, 0.2)
+    found = lines_in_angle(setting, waves.astype(float), 3)
+    if found.size == 0:
+        found = TURN / turn * np.array([2.0, 4.0, 8.0, 16.0])
+        found = np.unique(np.maximum(np.round(found), 1.0)) if turn > TURN else found
+    return scaled(
+        setting,
+        grid([1.0], found, [0.0, QUARTER], [0.0]),
+        lambda row: _ripple_of_level(setting.argument, *row[1:]),
+    )
+
+
+@kernel
+def _constant_load(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0]
+
+
+def _constant_load_starts(setting: Setting) -> np.ndarray:
+    size = 0.1 * spread(setting.own)
+    return grid([size]) if size > 0 else np.empty((0, 1))
+
+
+@kernel
+def _quadratic_drag(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * argument * abs(argument)
+
+
+def _quadratic_drag_starts(setting: Setting) -> np.ndarray:
+    return scaled(setting, grid([1.0]), lambda row: setting.argument * np.abs(setting.argument))
+
+
+def _drag_of_difference(now, before):
+    return (now - before) * np.abs(now - before)
+
+
+@kernel
+def _root_outflow(argument, rate, own, second, time, step, z, theta, dz):
+    head = max(argument + theta[2], 0.0)
+    # near empty, one step takes no more than there is: the root's slope is infinite there
+    return -min(theta[0] * head ** theta[1], head / step)
+
+
+def _outflow_of_level(level, n, h0):
+    return np.maximum(level + h0, 0.0) ** n
+
+
+def _root_outflow_starts(setting: Setting) -> np.ndarray:
+    low, high = quantiles(setting.argument, [0.0, 1.0])
+    if not high > 0 or low < -0.1 * high:  # no level of anything
+        return np.empty((0, 3))
+    rows = np.array([[1.0, 0.5, 0.0], [1.0, 0.5, 0.2 * high], [1.0, 0.7, 0.0], [1.0, 1.5, 0.0]])
+    return scaled(setting, rows, lambda row: _outflow_of_level(setting.argument, *row[1:]))
+
+
+@kernel
+def _bilinear_input(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * second * argument
+
+
+def _bilinear_input_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None or spread(setting.second) == 0 or spread(setting.argument) == 0:
+        return np.empty((0, 1))
+    return scaled(setting, grid([1.0]), lambda row: setting.second * setting.argument)
+
+
+@kernel
+def _coupling(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * second
+
+
+def _coupling_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None:
+        return np.empty((0, 1))
+    return scaled(setting, grid([1.0]), lambda row: setting.second)
+
+
+def _gravity_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("weight", _ripple_of_level, (1.0, theta[1], 0.0), argument)
+
+
+def _cogging_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("ripple", _ripple_of_level, theta[1:], argument)
+
+
+def _quadratic_drag_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_difference("drag", _drag_of_difference, (), argument)
+
+
+def _root_outflow_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("outflow", _outflow_of_level, theta[1:], argument)
+
+
+LOADS = (
+    Effect(
+        code="gravity",
+        title="Weight",
+        sentence="Weight pulls it down, more or less with the angle.",
+        equation="-G sin(x + q0), with G = m g l/J; q0 = 0 where x = 0 hangs down, pi/2 where it is level",
+        parameters=(EffectParameter("G", "{port}"), EffectParameter("q0", "rad", -np.pi, np.pi)),
+        starts=_gravity_starts,
+        force=_gravity,
+        argument="position",
+        argument_units=("rad",),
+        lookalikes=("cubic_stiffness", "cogging", "constant_load"),
+        separate_by="a slow full turn",
+        source="Spong, Hutchinson and Vidyasagar 2006, Robot Modeling and Control, sec. 7.3",
+        phi=_gravity_phi,
+    ),
+    Effect(
+        code="cogging",
+        title="Cogging",
+        sentence="The torque ripples with the angle, at any speed.",
+        equation="a (sin(N x + p) + r sin(2 N x + p))",
+        parameters=(
+            EffectParameter("a", "{port}"),
+            EffectParameter("N", "1/({arg})", 0.0),
+            EffectParameter("p", "rad", -TURN, TURN),
+            EffectParameter("r", "-", -1.0, 1.0),
+        ),
+        starts=_cogging_starts,
+        force=_cogging,
+        argument="position",
+        argument_units=("rad", "m", "mm", "um"),
+        lookalikes=("periodic_disturbance", "gravity"),
+        separate_by="turning at two speeds",
+        source="Holtz and Springob 1996, IEEE Trans. Ind. Electron. 43(2), sec. II",
+        phi=_cogging_phi,
+    ),
+    Effect(
+        code="constant_load",
+        title="Constant load",
+        sentence="Something pushes (or leaks) all the time.",
+        equation="F",
+        parameters=(EffectParameter("F", "{port}"),),
+        starts=_constant_load_starts,
+        force=_constant_load,
+        argument="none",
+        lookalikes=("sensor_bias", "asymmetric_friction", "gravity", "additive_drift"),
+        separate_by="another operating point",
+        source="Ljung 1999, System Identification, sec. 14.1",
+        narx_terms="the constant",
+    ),
+    Effect(
+        code="quadratic_drag",
+        title="Drag of a fluid",
+        sentence="A force opposes the motion with the square of its speed.",
+        equation="-c2 v |v|",
+        parameters=(EffectParameter("c2", "{port}/({arg})^2", 0.0),),
+        starts=_quadratic_drag_starts,
+        force=_quadratic_drag,
+        lookalikes=("viscous_damping",),
+        separate_by="a free decay, or two amplitudes",
+        source="Morison, O'Brien, Johnson and Schaaf 1950, J. Petrol. Technol. 2(5), drag term",
+        phi=_quadratic_drag_phi,
+    ),
+    Effect(
+        code="root_outflow",
+        title="Outflow through an opening",
+        sentence="It drains through an opening, the faster the fuller it is, but not in proportion.",
+        equation="-a max(x + h0, 0)^n; n = 1/2 is Torricelli's law",
+        parameters=(
+            EffectParameter("a", "{port}/({arg})^n", 0.0),
+            EffectParameter("n", "-", 0.2, 3.0),
+            EffectParameter("h0", "{arg}"),
+        ),
+        starts=_root_outflow_starts,
+        force=_root_outflow,
+        lookalikes=("sensor_bias", "constant_load", "overflow"),
+        separate_by="draining from full to empty",
+        source="Schoukens and Noel 2017, IFAC-PapersOnLine 50(1), sec. 4; Torricelli 1644",
+        phi=_root_outflow_phi,
+    ),
+    Effect(
+        code="bilinear_input",
+        title="Gain that depends on the state",
+        sentence="How strongly the input acts depends on the state.",
+        equation="b u x",
+        parameters=(EffectParameter("b", "{port}/({arg} {second})"),),
+        starts=_bilinear_input_starts,
+        force=_bilinear_input,
+        argument="any",
+        second="input",
+        lookalikes=("input_saturation", "gain_drift"),
+        separate_by="steps at several operating points",
+        source="Mohler 1991, Nonlinear Systems, vol. 2: Applications to Bilinear Control, ch. 1",
+        narx_terms="u[k-1]*y[k-1]",
+    ),
+    Effect(
+        code="coupling",
+        title="Coupling to another measured signal",
+        sentence="Another measured signal drives it too.",
+        equation="b w, with w the other signal",
+        parameters=(EffectParameter("b", "{port}/({second})"),),
+        starts=_coupling_starts,
+        force=_coupling,
+        argument="none",
+        second="channel",
+        lookalikes=("additive_drift", "temperature_gain"),
+        separate_by="varying that signal alone",
+        source="Ljung 1999, System Identification, sec. 4.2 (measured disturbances)",
+        narx_terms="that signal as a further input",
+    ),
+)

@@ -1,0 +1,284 @@
+"""The catalogue, and the entries that users add to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from narx_sklearn.physics.effects._clearance import CLEARANCE
+from narx_sklearn.physics.effects._drift import DRIFT
+from narx_sklearn.physics.effects._dynamics import DYNAMICS
+from narx_sklearn.physics.effects._effect import (
+    ARGUMENTS,
+    MAX_MEMORY,
+    MAX_PARAMETERS,
+    SECONDS,
+    Effect,
+    Setting,
+)
+from narx_sklearn.physics.effects._friction import FRICTION
+from narx_sklearn.physics.effects._hysteresis import HYSTERESIS
+from narx_sklearn.physics.effects._limits import LIMITS
+from narx_sklearn.physics.effects._loads import LOADS
+from narx_sklearn.physics.effects._sensor import SENSOR
+from narx_sklearn.physics.effects._stiffness import STIFFNESS
+
+TRIAL_STEP = 0.01  # s, of the trial run of a new entry
+
+
+def _closed(effects: tuple[Effect, ...]) -> dict[str, Effect]:
+    """Return the entries by code, each the look-alike of its look-alikes."""
+    codes = [effect.code for effect in effects]
+    alike: dict[str, set[str]] = {code: set() for code in codes}
+    for effect in effects:
+        for other in effect.lookalikes:
+            alike[effect.code].add(other)
+            alike[other].add(effect.code)
+    return {
+        effect.code: replace(effect, lookalikes=tuple(code for code in codes if code in alike[effect.code]))
+        for effect in effects
+    }
+
+
+CATALOGUE: dict[str, Effect] = _closed(
+    (*FRICTION, *CLEARANCE, *LIMITS, *STIFFNESS, *HYSTERESIS, *LOADS, *DRIFT, *DYNAMICS, *SENSOR)
+)
+"""The effects that a diagnosis tries, by code."""
+
+BUILT_IN = frozenset(CATALOGUE)
+
+
+def register_effect(effect: Effect) -> None:
+    """Add an entry to the catalogue, after trying it once.
+
+    Its force, transform and starting values are called once on small arrays, so that a mistake shows here and
+    not inside a compiled run.
+
+    Parameters
+    ----------
+    effect : Effect
+        The new entry. Forces may be plain Python functions that numba can compile.
+
+    Raises
+    ------
+    TypeError
+        If it is no `Effect`.
+    ValueError
+        If its code is taken, a field is missing or malformed, or a trial call fails.
+
+    See Also
+    --------
+    unregister_effect : Take it out again.
+    list_effects : What the catalogue holds.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.physics.effects import Effect, EffectParameter, register_effect, unregister_effect
+    >>> def magnet(argument, rate, own, second, time, step, z, theta, dz):
+    ...     return theta[0] / (1.0 + argument * argument)
+    >>> def some_values(setting):
+    ...     return np.array([[0.1 * np.std(setting.own)]])
+    >>> register_effect(Effect(
+    ...     code="magnet", title="Magnet", sentence="A magnet pulls when near.", equation="a/(1 + x^2)",
+    ...     parameters=(EffectParameter("a", "{port}"),), starts=some_values, force=magnet))
+    >>> unregister_effect("magnet").code
+    'magnet'
+    """
+    if not isinstance(effect, Effect):
+        raise TypeError(f"effect must be an Effect, got {type(effect).__name__}.")
+    _check_fields(effect)
+    if effect.code in CATALOGUE:
+        raise ValueError(
+            f"The catalogue already holds an effect of code {effect.code!r}. Choose another code, or take "
+            "out what you registered before with unregister_effect."
+        )
+    _check_trial(effect)
+    CATALOGUE[effect.code] = effect
+
+
+def unregister_effect(code: str) -> Effect:
+    """Take a user's entry out of the catalogue and return it.
+
+    Parameters
+    ----------
+    code : str
+        Its code.
+
+    Returns
+    -------
+    Effect
+        The entry that was taken out.
+
+    Raises
+    ------
+    ValueError
+        If the code is unknown, or belongs to the package.
+
+    See Also
+    --------
+    register_effect : Put it in, with an example.
+    """
+    if code in BUILT_IN:
+        raise ValueError(
+            f"{code!r} belongs to the package and stays; leave it out of a search by its code instead."
+        )
+    if code not in CATALOGUE:
+        own = sorted(set(CATALOGUE) - BUILT_IN)
+        raise ValueError(f"No effect {code!r} was registered; registered are {own}.")
+    return CATALOGUE.pop(code)
+
+
+def list_effects() -> pd.DataFrame:
+    """Return the catalogue as a table, one row an effect.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``code``, ``title``, ``sentence``, ``ports``, ``equation``, ``parameters``, ``look_alikes``,
+        ``separate_by`` and ``source``, in the catalogue's order.
+
+    Examples
+    --------
+    >>> from narx_sklearn.physics.effects import list_effects
+    >>> int(list_effects()["code"].str.contains("friction").sum())
+    5
+    """
+    return pd.DataFrame(
+        [
+            {
+                "code": effect.code,
+                "title": effect.title,
+                "sentence": effect.sentence,
+                "ports": ", ".join(effect.ports),
+                "equation": effect.equation,
+                "parameters": ", ".join(f"{p.name} [{p.unit}]" for p in effect.parameters),
+                "look_alikes": ", ".join(effect.lookalikes),
+                "separate_by": effect.separate_by,
+                "source": effect.source,
+            }
+            for effect in CATALOGUE.values()
+        ]
+    )
+
+
+def restore_effect(code: str, content: dict | None = None) -> Effect:
+    """Return the catalogue's entry, or rebuild one that a user wrote."""
+    return CATALOGUE[code] if content is None else Effect(**content)
+
+
+def _check_fields(effect: Effect) -> None:
+    def refuse(what: str):
+        raise ValueError(f"Effect {effect.code!r}: {what}")
+
+    if not isinstance(effect.code, str) or not effect.code.isidentifier():
+        refuse("code must be a text of letters, digits and underscores, such as 'magnet_force'.")
+    for name in ("title", "sentence", "equation"):
+        if not isinstance(getattr(effect, name), str) or not getattr(effect, name).strip():
+            refuse(f"{name} must be a text that is not empty, got {getattr(effect, name)!r}.")
+    if effect.force is None and effect.transform is None:
+        refuse(
+            "it needs a force (to act at a state equation) or a transform (at an input or output), or both."
+        )
+    if not effect.ports:
+        refuse("it can act nowhere: input_port and output_port are both off and there is no force.")
+    for name in ("force", "transform", "phi"):
+        if getattr(effect, name) is not None and not callable(getattr(effect, name)):
+            refuse(f"{name} must be callable, got {type(getattr(effect, name)).__name__}.")
+    if not callable(effect.starts):
+        refuse(f"starts must be callable as starts(setting), got {type(effect.starts).__name__}.")
+    n = len(effect.parameters)
+    if not 1 <= n <= MAX_PARAMETERS:
+        refuse(f"it has {n} parameters; an effect has 1 to {MAX_PARAMETERS}.")
+    for parameter in effect.parameters:
+        if len(parameter) != 4 or not parameter[2] < parameter[3]:
+            refuse(
+                f"parameter {parameter!r} must be EffectParameter(name, unit, lower, upper), lower < upper."
+            )
+    if effect.argument not in ARGUMENTS:
+        refuse(f"argument must be one of {list(ARGUMENTS)}, got {effect.argument!r}.")
+    if effect.second not in SECONDS:
+        refuse(f"second must be one of {list(SECONDS)}, got {effect.second!r}.")
+    if effect.amplitude is not None and not 0 <= effect.amplitude < n:
+        refuse(f"amplitude must index one of its {n} parameters or be None, got {effect.amplitude!r}.")
+    if not 0 <= effect.n_memory <= MAX_MEMORY:
+        refuse(f"n_memory must lie between 0 and {MAX_MEMORY}, got {effect.n_memory!r}.")
+
+
+def _check_trial(effect: Effect) -> None:
+    """Call everything once, on 64 samples of a signal that moves both ways."""
+    n = len(effect.parameters)
+    starts = _tried(effect, "starts", lambda: np.asarray(effect.starts(trial_setting()), dtype=float))
+    if starts.size == 0:
+        bounds = np.array([(p.lower, p.upper) for p in effect.parameters], dtype=float)
+        starts = np.clip(np.ones((1, n)), bounds[:, 0], bounds[:, 1])
+    if starts.ndim != 2 or starts.shape[1] != n:
+        raise ValueError(
+            f"Effect {effect.code!r}: starts(setting) returned shape {starts.shape}; wanted is (n_starts, "
+            f"{n}), one column a parameter."
+        )
+    for parameter, values in zip(effect.parameters, starts.T, strict=True):
+        if np.any(values < parameter.lower) or np.any(values > parameter.upper):
+            raise ValueError(
+                f"Effect {effect.code!r}: starts(setting) gives {parameter.name} = {values.tolist()}, "
+                f"outside its bounds {parameter.lower} and {parameter.upper}."
+            )
+    theta = starts[0]
+    if effect.force is not None:
+        _try_force(effect, theta)
+    if effect.transform is not None:
+        setting = trial_setting()
+        signal = setting.argument.copy()
+        changed = _tried(
+            effect,
+            "transform",
+            lambda: effect.transform(signal, setting.second, TRIAL_STEP, theta.copy(), setting.first),
+        )
+        if np.shape(changed) != signal.shape or not np.all(np.isfinite(changed)):
+            raise ValueError(
+                f"Effect {effect.code!r}: transform returned shape {np.shape(changed)} for {signal.size} "
+                "finite samples; wanted is one finite value a sample."
+            )
+        if not np.array_equal(signal, setting.argument):
+            raise ValueError(f"Effect {effect.code!r}: transform changed its signal; return a new array.")
+
+
+def _try_force(effect: Effect, theta: np.ndarray) -> None:
+    padded = np.zeros(MAX_PARAMETERS + 1)
+    padded[: theta.size] = theta
+    dz = np.full(MAX_MEMORY, np.nan)
+    value = _tried(
+        effect,
+        "force",
+        lambda: effect.force(0.5, -0.3, 0.2, 0.1, 1.0, TRIAL_STEP, np.zeros(MAX_MEMORY), padded, dz),
+    )
+    if not np.isscalar(value) or not np.isfinite(value):
+        raise ValueError(f"Effect {effect.code!r}: force returned {value!r}; wanted is one finite number.")
+    if not np.all(np.isfinite(dz[: effect.n_memory])):
+        raise ValueError(
+            f"Effect {effect.code!r}: force left dz = {dz[: effect.n_memory].tolist()}; it must write all "
+            f"{effect.n_memory} states that n_memory announces."
+        )
+
+
+def _tried(effect: Effect, name: str, call):
+    try:
+        return call()
+    except Exception as error:
+        raise ValueError(f"Effect {effect.code!r}: {name} raised {type(error).__name__}: {error}") from error
+
+
+def trial_setting() -> Setting:
+    """Return a small setting in which most effects show: two sines, both ways, two sessions."""
+    time = TRIAL_STEP * np.arange(64)
+    argument = np.sin(20.0 * time) + 0.4 * np.cos(47.0 * time)
+    rate = 20.0 * np.cos(20.0 * time) - 18.8 * np.sin(47.0 * time)
+    return Setting(
+        argument=argument,
+        rate=rate,
+        own=-3.0 * argument + np.cos(11.0 * time),
+        second=1.0 + np.cos(13.0 * time),
+        time=np.concatenate([time[:40], time[:24]]),
+        dt=TRIAL_STEP,
+        first=np.array([0, 40]),
+    )

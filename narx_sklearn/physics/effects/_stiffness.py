@@ -1,0 +1,119 @@
+"""Stiffness that is not linear, and an input that acts through a polynomial."""
+
+import numpy as np
+
+from narx_sklearn.model.phi import FunctionPhi, Phi
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._starts import grid, reverses, scaled, spread, telling
+
+
+@kernel
+def _cubic(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * argument * argument * argument
+
+
+@kernel
+def _quadratic(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * argument * argument
+
+
+@kernel
+def _bilinear(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * abs(argument)
+
+
+def _cubic_starts(setting: Setting) -> np.ndarray:
+    return scaled(setting, grid([1.0]), lambda row: setting.argument**3)
+
+
+def _quadratic_starts(setting: Setting) -> np.ndarray:
+    return scaled(setting, grid([1.0]), lambda row: setting.argument**2)
+
+
+def _bilinear_starts(setting: Setting) -> np.ndarray:
+    if not reverses(setting.argument):  # on one side it is a linear spring
+        return np.empty((0, 1))
+    return scaled(setting, grid([1.0]), lambda row: np.abs(setting.argument))
+
+
+def _polynomial_transform(signal, second, dt, theta, first):
+    return signal * (1.0 + signal * (theta[0] + signal * theta[1]))
+
+
+def _polynomial_starts(setting: Setting) -> np.ndarray:
+    """Each power alone, with either sign; a signal of two levels cannot show them."""
+    size = spread(setting.argument)
+    powers = [spread(setting.argument**p) for p in (2, 3)]
+    rows = [
+        np.where(np.arange(2) == i, sign * 0.1 * size / power, 0.0)
+        for i, power in enumerate(powers)
+        if power > 0
+        for sign in (1.0, -1.0)
+    ]
+    return telling(setting, np.array(rows).reshape(-1, 2), _polynomial_transform)
+
+
+def _bilinear_stiffness_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return (FunctionPhi(np.abs, [f"{argument}[k]"]),)
+
+
+STIFFNESS = (
+    Effect(
+        code="cubic_stiffness",
+        title="Cubic stiffness",
+        sentence="The spring hardens (or softens) as it is stretched, alike both ways.",
+        equation="-k3 x^3",
+        parameters=(EffectParameter("k3", "{port}/({arg})^3"),),
+        starts=_cubic_starts,
+        force=_cubic,
+        argument="position",
+        lookalikes=("clearance", "gravity", "input_saturation", "quadratic_stiffness"),
+        separate_by="an amplitude ladder with an offset",
+        source="Duffing 1918, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz, ch. 1",
+        narx_terms="y[k-1]^3",
+    ),
+    Effect(
+        code="quadratic_stiffness",
+        title="Quadratic stiffness",
+        sentence="The spring hardens one way and softens the other.",
+        equation="-k2 x^2",
+        parameters=(EffectParameter("k2", "{port}/({arg})^2"),),
+        starts=_quadratic_starts,
+        force=_quadratic,
+        argument="position",
+        lookalikes=("bilinear_stiffness", "cubic_stiffness"),
+        separate_by="an amplitude ladder: the mean shifts with the amplitude squared",
+        source="Nayfeh and Mook 1979, Nonlinear Oscillations, sec. 4.1",
+        narx_terms="y[k-1]^2",
+    ),
+    Effect(
+        code="bilinear_stiffness",
+        title="Bilinear stiffness",
+        sentence="The spring is stiffer one way than the other.",
+        equation="-k |x|, with k = (k+ - k-)/2, what either side differs from the mean stiffness",
+        parameters=(EffectParameter("k", "{port}/({arg})"),),
+        starts=_bilinear_starts,
+        force=_bilinear,
+        argument="position",
+        lookalikes=("quadratic_stiffness", "clearance"),
+        separate_by="an amplitude ladder, and a preload",
+        source="Shaw and Holmes 1983, J. Sound Vib. 90(1), sec. 2",
+        phi=_bilinear_stiffness_phi,
+    ),
+    Effect(
+        code="input_polynomial",
+        title="Nonlinear drive",
+        sentence="The drive is not proportional to its command.",
+        equation="s + a2 s^2 + a3 s^3",
+        parameters=(EffectParameter("a2", "1/({port})"), EffectParameter("a3", "1/({port})^2")),
+        starts=_polynomial_starts,
+        transform=_polynomial_transform,
+        output_port=False,
+        amplitude=None,
+        lookalikes=("input_saturation", "load_friction"),
+        separate_by="an amplitude ladder",
+        source="Billings 2013, Nonlinear System Identification, sec. 1.4 (Hammerstein models)",
+        narx_terms="u[k-1]^2 and u[k-1]^3",
+    ),
+)

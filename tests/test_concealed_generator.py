@@ -1,0 +1,336 @@
+"""The concealed cases: independent of the package, true where nothing is hidden, as deep as asked."""
+
+import ast
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+if not (ROOT / "benchmarks" / "concealed").is_dir():
+    pytest.skip("benchmarks are not part of this distribution", allow_module_level=True)
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.concealed import bounds, excitation, judge, noise  # noqa: E402
+from benchmarks.concealed.case import DEPTH_TOLERANCE, build_case  # noqa: E402
+from benchmarks.concealed.cells import CELLS, recipes  # noqa: E402
+from benchmarks.concealed.diagnose import diagnose  # noqa: E402
+from benchmarks.concealed.experiment import perform, rig_of  # noqa: E402
+from benchmarks.concealed.hidden import Rig  # noqa: E402
+from benchmarks.concealed.make import make  # noqa: E402
+from benchmarks.concealed.plants.codes import CATALOGUE, OUTSIDE, Code  # noqa: E402
+from benchmarks.concealed.plants.dispatch import MACHINES, hidden_rates, nominal_rates  # noqa: E402
+from benchmarks.concealed.plants.forces import friction  # noqa: E402
+from benchmarks.concealed.plants.inputs import act  # noqa: E402
+from benchmarks.concealed.plants.integrate import UNFORCED, run_nominal  # noqa: E402
+from benchmarks.concealed.plants.sensors import sense  # noqa: E402
+from benchmarks.concealed.score import clearly_missed, score  # noqa: E402
+from benchmarks.concealed.sealing import read_json, sha256  # noqa: E402
+from benchmarks.concealed.specs import Concealed, Spec  # noqa: E402
+
+FOLDER = ROOT / "benchmarks" / "concealed"
+MAY_IMPORT_THE_PACKAGE = {"diagnose.py"}  # the only file that meets the diagnosis
+MODULES = sorted(path.relative_to(FOLDER) for path in FOLDER.rglob("*.py"))
+
+per_machine = pytest.mark.parametrize("name", MACHINES)
+
+
+def imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+
+
+def rig_for(name, **changes):
+    machine = MACHINES[name]
+    return replace(Rig(machine, dict(machine.constants), False, "white", np.zeros(1), (), 1.0), **changes)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_no_import_leads_from_the_generator_to_the_package(module):
+    if module.name in MAY_IMPORT_THE_PACKAGE:
+        return
+    assert not [name for name in imported(FOLDER / module) if name.split(".")[0] == "narx_sklearn"]
+
+
+def test_what_makes_the_cases_does_not_reach_the_diagnosis_either():
+    reached, waiting = set(), ["make.py", "experiment.py"]
+    while waiting:
+        module = waiting.pop()
+        reached.add(module)
+        for name in imported(FOLDER / module):
+            parts = name.split(".")[2:]
+            path = Path(*parts).with_suffix(".py") if parts else None
+            if name.startswith("benchmarks.concealed.") and (FOLDER / path).exists():
+                waiting += [str(path)] if str(path) not in reached else []
+    assert "diagnose.py" not in reached
+    assert "plants/integrate.py" in {Path(m).as_posix() for m in reached}
+
+
+@per_machine
+def test_hidden_and_nominal_rates_agree_at_the_true_parameters(name):
+    rng = np.random.default_rng(0)
+    machine = MACHINES[name]
+    number = list(MACHINES).index(name)
+    x, u = rng.normal(size=len(machine.states)), rng.normal(size=len(machine.inputs))
+    c = np.array(list(machine.constants.values()))
+    p = np.array(list(machine.parameters(**machine.constants).values()))
+    hidden, nominal = np.empty(x.size), np.empty(x.size)
+    hidden_rates(number, x, u, c, hidden)
+    nominal_rates(number, x, u, p, nominal)
+    np.testing.assert_allclose(hidden, nominal, rtol=1e-12)
+    np.testing.assert_allclose(machine.nominal(x, u, p), nominal, rtol=1e-12)
+
+
+@per_machine
+def test_without_effects_runge_kutta_at_the_sampling_period_follows_well_below_the_noise(name):
+    machine = MACHINES[name]
+    rig = rig_for(name)
+    u = rig.command("prvs", 600, np.random.default_rng(1))
+    recording = rig.record(u, np.random.default_rng(0))
+    p = np.array(list(rig.parameters.values()))
+    states = run_nominal(list(MACHINES).index(name), p, rig.rest()[None], u, 600, machine.dt, UNFORCED)
+    error = np.std(states[:, list(machine.measured)] - recording.clean, axis=0) / np.std(
+        recording.clean, axis=0
+    )
+    assert np.all(error < 0.1 * 0.005)  # a tenth of the smallest noise
+
+
+@per_machine
+def test_a_machine_rests_at_its_working_point(name):
+    rig = rig_for(name)
+    u = np.full((50, len(rig.machine.inputs)), rig.machine.offset)
+    states = rig.record(u, np.random.default_rng(0)).states
+    np.testing.assert_allclose(states, np.broadcast_to(rig.rest(), states.shape), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("mass_spring_damper", Code.cubic_stiffness),
+        ("pendulum", Code.stribeck_friction),
+        ("two_tanks", Code.overflow),
+        ("dc_motor", Code.input_saturation),
+        ("rlc", Code.quantisation),
+        ("heated_mass", Code.coupling),
+    ],
+)
+def test_an_effect_is_as_deep_as_asked(name, code):
+    site = MACHINES[name].sites[code][0]
+    spec = Spec("T2", "", name, (Concealed(code, site, 0.5),), "white", "prvs", False, (3, 4), n_samples=1000)
+    case = build_case(spec)
+    assert abs(np.log(case.depths[0] / 0.5)) < DEPTH_TOLERANCE
+    assert case.fit.ratio == pytest.approx(case.depths[0])
+
+
+def test_nothing_concealed_leaves_nothing_but_noise():
+    spec = Spec("T0", "", "servo_axis", (), "ar1", "prfs", True, (1,), n_samples=1000)
+    assert build_case(spec).fit.ratio < 0.01
+
+
+def test_a_mass_under_less_than_breakaway_stays_exactly_at_rest():
+    site = MACHINES["mass_spring_damper"].sites[Code.coulomb_friction][0]
+    theta = np.array([2.0, 0, 0, 0, 0, 0, 0, 0])  # m/s^2; the drive makes 5 N/V / 1.2 kg * 0.4 V = 1.67
+    rig = rig_for("mass_spring_damper", effects=((Concealed(Code.coulomb_friction, site, 1.0), theta),))
+    assert np.all(rig.record(np.full((200, 1), 0.4), np.random.default_rng(0)).states == 0.0)
+    assert rig.record(np.full((200, 1), 0.6), np.random.default_rng(0)).states[-1, 0] > 0.01
+
+
+def test_friction_holds_more_than_it_slides_where_stribeck_says_so():
+    theta = np.array([2.0, 1.5, 0.1, 0, 0, 0, 0, 0])
+    slide, hold, *_ = friction(Code.stribeck_friction, theta, 10.0, 0.0)
+    assert hold == 3.0
+    assert slide == pytest.approx(2.0, rel=1e-3)
+    assert friction.py_func(Code.stribeck_friction, theta, 0.0, 0.0)[0] == 3.0
+
+
+def test_stiction_holds_then_jumps():
+    theta, z = np.array([0.5, 0.2, 0, 0, 0, 0, 0, 0]), np.zeros(24)
+    outputs = [act.py_func(Code.valve_stiction, theta, u, 0.0, 0.1, z) for u in (0.4, 0.5, 0.6, 0.7)]
+    assert outputs == pytest.approx([0.0, 0.0, 0.4, 0.4])
+
+
+def test_compliant_play_loses_its_width_at_a_reversal():
+    theta, z = np.array([0.1, 0, 0, 0, 0, 0, 0, 0]), np.zeros(24)
+    up = [act(Code.backlash, theta, u, 0.0, 0.1, z) for u in np.linspace(0.0, 1.0, 50)]
+    down = [act(Code.backlash, theta, u, 0.0, 0.1, z) for u in np.linspace(1.0, 0.0, 50)]
+    assert up[-1] == pytest.approx(0.9)  # mean half-width 0.1 behind
+    assert down[-1] == pytest.approx(0.1)
+    assert up[-1] == down[1]  # nothing moves yet
+
+
+def test_a_quantised_reading_has_the_step_asked_for():
+    assert sense(Code.quantisation, np.array([0.25, 0, 0, 0, 0, 0, 0, 0]), 0.6, 0.0, 0.1, np.zeros(24)) == 0.5
+
+
+@pytest.mark.parametrize("kind", excitation.KINDS)
+def test_inputs_stay_within_their_swing(kind):
+    u = excitation.excite(kind, 2000, 0.01, 3.0, np.random.default_rng(2))
+    assert u.shape == (2000,)
+    assert np.max(np.abs(u)) <= 1.0 + 1e-12
+
+
+@pytest.mark.parametrize("kind", [k for k in noise.NOISES if k != "quantised"])
+def test_noise_has_unit_power(kind):
+    e = noise.draw_noise(kind, 3000, 2, np.random.default_rng(3))
+    np.testing.assert_allclose(np.mean(e**2, axis=0), 1.0)
+
+
+def test_every_effect_of_the_catalogue_has_a_plant():
+    placed = {code for machine in MACHINES.values() for code in machine.sites}
+    assert set(CATALOGUE) | set(OUTSIDE) == placed
+    assert len(OUTSIDE) >= 12
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_recipes_repeat_and_fit_their_plants(cell):
+    batches = recipes(cell, 3)
+    assert batches
+    assert repr(batches) == repr(recipes(cell, 3))
+    assert repr(batches) != repr(recipes(cell, 4))
+    for spec in (spec for options in batches for spec in options):
+        assert all(e.site in MACHINES[spec.plant].sites[e.code] for e in spec.effects)
+        assert spec.closed_loop or not MACHINES[spec.plant].closed_only
+
+
+def test_a_case_on_disk_shows_nothing_of_its_truth_and_its_seal_holds(tmp_path):
+    manifest = make(["T10"], [0], tmp_path, n_samples=600, effects=["clearance"])
+    assert len(manifest["cases"]) == 1
+    for name, seals in manifest["cases"].items():
+        seen = " ".join(p.read_text(encoding="utf-8") for p in (tmp_path / "cases" / name).iterdir())
+        assert "clearance" not in seen
+        assert {p.name for p in (tmp_path / "cases" / name).iterdir()} == {
+            "recording.csv",
+            "heldout.csv",
+            "nominal.py",
+        }
+        assert all(sha256(tmp_path / "truth" / file) == digest for file, digest in seals.items())
+        truth = read_json(tmp_path / "truth" / f"{name}.json")
+        u = np.load(tmp_path / "truth" / f"{name}.npz")["other_u"]
+        again = rig_of(truth).record(u, np.random.default_rng(0)).clean
+        np.testing.assert_allclose(
+            again, np.load(tmp_path / "truth" / f"{name}.npz")["other_clean"], rtol=1e-9
+        )
+
+
+def test_a_proposed_experiment_is_run_beside_a_random_one_of_equal_energy(tmp_path):
+    (name,) = make(["T8"], [0], tmp_path, n_samples=600, effects=["gravity"])["cases"]
+    proposed = np.sin(0.1 * np.arange(300))[:, None]
+    made = perform(tmp_path, {name: {"next_input": proposed.tolist()}})
+    assert made == [f"{name}-next", f"{name}-random"]
+    inputs = []
+    for case in made:
+        table = pd.read_csv(tmp_path / "experiments" / case / "recording.csv")
+        assert table["session"].value_counts().to_dict() == {"training": 600, "experiment": 300}
+        inputs.append(table.loc[table["session"] == "experiment"].iloc[:, 2].to_numpy())
+    np.testing.assert_allclose(inputs[0], proposed[:, 0])
+    assert np.std(inputs[1]) == pytest.approx(np.std(inputs[0]))
+
+
+@pytest.mark.long
+def test_make_diagnose_and_score_run_end_to_end(tmp_path):
+    make(
+        ["T0", "T2"],
+        [0],
+        tmp_path,
+        n_samples=1000,
+        plants=["mass_spring_damper"],
+        effects=["cubic_stiffness"],
+    )
+    diagnose(tmp_path, options={"effects": ["cubic_stiffness", "quadratic_drag"]})
+    tables = score(tmp_path)
+    assert not tables["cases"]["failed"].any()
+    assert {"T0", "T2"} <= set(tables["cells"]["cell"])
+
+
+def verdict_of(said, *effects, port="state:1", lookalikes=()):
+    findings = [{"effect": e, "port": port, "lookalikes": list(lookalikes)} for e in effects]
+    return {"verdict": said, "findings": findings, "seconds": 1.0}
+
+
+def truth_of(*effects, cell="T2", noise="white"):
+    rows = [{"effect": e, "port": "state:1", "R": 0.5, "segment": [0, 10]} for e in effects]
+    return {
+        "case": "a",
+        "cell": cell,
+        "stratum": "",
+        "plant": "rlc",
+        "noise": noise,
+        "seed": [0, 1],
+        "effects": rows,
+        "oracle": {"z_scores": [5.0] * len(rows)},
+        "parameters": {},
+        "n_samples": 10,
+    }
+
+
+@pytest.mark.parametrize(
+    ("truth", "verdict", "measures"),
+    [
+        (truth_of("gravity"), verdict_of("explained", "gravity"), {"first_right": 1, "wrong_name": 0}),
+        (truth_of("gravity"), verdict_of("explained", "creep"), {"first_right": 0, "wrong_name": 1}),
+        (
+            truth_of("gravity"),
+            verdict_of("ambiguous", "cubic_stiffness", lookalikes=["gravity"]),
+            {"first_right": 0, "wrong_name": 0, "set_holds": 1, "set_size": 2},
+        ),
+        (truth_of("gravity"), verdict_of("refit"), {"abstains": 1, "wrong_name": 0, "port_right": None}),
+        (
+            truth_of("shocks", cell="T6"),
+            verdict_of("unknown", "unknown"),
+            {"unknown_at_port": 1, "forced_name": 0},
+        ),
+        (truth_of("shocks", cell="T6"), verdict_of("explained", "gravity"), {"forced_name": 1}),
+        (
+            truth_of("gravity", "creep"),
+            verdict_of("explained", "creep", "gravity"),
+            {"exact_set": 1, "set_f1": 1},
+        ),
+        (truth_of(cell="T0"), verdict_of("refit"), {"false_alarm": 0}),
+        (truth_of(cell="T0"), verdict_of("unknown", "unknown"), {"false_alarm": 1}),
+        (
+            truth_of(cell="T0", noise="drifting"),
+            verdict_of("explained", "additive_drift", port="output:0"),
+            {"false_alarm": 0},
+        ),
+        (
+            truth_of(cell="T0", noise="drifting"),
+            verdict_of("explained", "additive_drift", port="state:0"),
+            {"false_alarm": 1},
+        ),
+        (
+            truth_of(cell="T0"),
+            {"verdict": "error", "seconds": 0.0, "findings": []},
+            {"false_alarm": 1, "failed": 1},
+        ),
+    ],
+)
+def test_verdicts_are_judged_as_the_protocol_says(truth, verdict, measures):
+    arrays = {"other_clean": np.ones((3, 1)), "amplitude_clean": np.ones((3, 1))}
+    row = judge.judge(truth, verdict, arrays, {}, None)
+    assert {k: row[k] for k in measures} == measures
+
+
+def test_a_readable_rule_becomes_its_samples():
+    signals = {"position [m]": np.array([-2.0, 0.0, 1.0, 3.0])}
+    assert judge.rule_mask("position [m] > 0.5 and position [m] <= 2", signals).tolist() == [0, 0, 1, 0]
+    assert judge.rule_mask("|position [m]| > 1.5", signals).tolist() == [1, 0, 0, 1]
+    assert judge.rule_mask("speed > 1", signals) is None
+
+
+def test_exact_bounds_agree_with_the_rule_of_three_and_with_symmetry():
+    low, high = bounds.clopper_pearson(0, 300)
+    assert low == 0.0
+    assert high == pytest.approx(1.0 - 0.025 ** (1 / 300))
+    assert bounds.clopper_pearson(30, 100)[0] == pytest.approx(1.0 - bounds.clopper_pearson(70, 100)[1])
+
+
+def test_only_what_chance_cannot_explain_is_clearly_missed():
+    rows = [(0.5, 4, 0.95, True), (0.5, 40, 0.95, True), (0.0, 300, 0.01, False), (0.1, 300, 0.01, False)]
+    cells = pd.DataFrame(rows, columns=["value", "n", "target", "at_least"]).assign(low=0.0, high=1.0)
+    assert clearly_missed(cells).index.tolist() == [1, 3]

@@ -1,0 +1,909 @@
+"""The catalogue of effects: fields, laws of its forces and transforms, starting values, registration."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.signal import lsim
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics import play
+from narx_sklearn.physics.effects import (
+    BUILT_IN,
+    CATALOGUE,
+    Effect,
+    EffectParameter,
+    Setting,
+    list_effects,
+    no_start,
+    register_effect,
+    unregister_effect,
+)
+from narx_sklearn.physics.effects._clearance import _play_run, _stiction_run
+from narx_sklearn.physics.effects._dynamics import _lag_run, _mode_matrices, _mode_run
+from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
+from narx_sklearn.physics.effects._hysteresis import N_PLAYS, _bouc_wen_run, _creep_run, _weighted_plays_run
+from narx_sklearn.physics.effects._limits import _rate_limit_run
+
+# which effect acts where: the table of the catalogue's specification
+PLACES = {
+    "viscous_damping": "state",
+    "coulomb_friction": "state",
+    "asymmetric_friction": "state",
+    "stribeck_friction": "state",
+    "presliding_friction": "state",
+    "load_friction": "state",
+    "valve_stiction": "input",
+    "backlash": "input state",
+    "dead_zone": "input",
+    "input_saturation": "input",
+    "rate_limit": "input",
+    "input_polynomial": "input",
+    "bouc_wen_hysteresis": "input state",
+    "prandtl_ishlinskii": "input state",
+    "creep": "state output",
+    "cubic_stiffness": "state",
+    "quadratic_stiffness": "state",
+    "bilinear_stiffness": "state",
+    "clearance": "state",
+    "quadratic_drag": "state",
+    "gravity": "state",
+    "cogging": "state",
+    "bilinear_input": "state",
+    "root_outflow": "state",
+    "overflow": "state",
+    "constant_load": "state",
+    "delay": "input output",
+    "lag": "input output",
+    "gain_drift": "input state",
+    "temperature_gain": "input state",
+    "additive_drift": "state output",
+    "sensor_bias": "output",
+    "sensor_clip": "output",
+    "quantisation": "output",
+    "stuck_sensor": "output",
+    "periodic_disturbance": "state output",
+    "extra_mode": "state output",
+    "coupling": "state",
+}
+ALL = [CATALOGUE[code] for code in sorted(BUILT_IN)]
+FORCES = [effect for effect in ALL if effect.force is not None]
+TRANSFORMS = [effect for effect in ALL if effect.transform is not None]
+DT = 0.01
+
+
+def _size(signal):
+    return np.sqrt(np.mean(signal**2))
+
+
+def by_code(effect):
+    return effect.code
+
+
+def setting_of(argument, *, dt=DT, own=None, second=None, residual=None, first=(0,)):
+    """Return a setting in which the argument is as given, and acts on a load of its own kind."""
+    argument = np.asarray(argument, dtype=float)
+    rate = np.gradient(argument, dt)
+    return Setting(
+        argument,
+        rate,
+        argument if own is None else own,
+        second,
+        np.arange(argument.size) * dt,
+        dt,
+        np.array(first),
+        residual,
+    )
+
+
+def wideband(n=1200, seed=0):
+    """Return a smooth signal of several sines that moves both ways."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * DT
+    return sum(np.sin(w * t + p) for w, p in zip(rng.uniform(1, 12, 5), rng.uniform(0, 6, 5), strict=True))
+
+
+@pytest.fixture(scope="module")
+def ordinary():
+    """A state's setting in which every effect can act."""
+    x = wideband() + 0.3
+    return setting_of(x, own=-4.0 * x + wideband(seed=1), second=2.0 + wideband(seed=2), first=(0, 700))
+
+
+@pytest.fixture(scope="module")
+def level():
+    """A setting of a level, which never falls below zero."""
+    return setting_of(np.abs(wideband()) + 0.1, own=wideband(seed=1))
+
+
+def starts_of(effect, ordinary, level):
+    starts = effect.starts(ordinary)
+    return starts if len(starts) else effect.starts(level)
+
+
+def force_of(
+    effect, theta, argument=0.0, *, rate=0.0, own=0.0, second=0.0, time=0.0, step=DT, z=None, pure=False
+):
+    """Return force and dz."""
+    padded = np.zeros(MAX_PARAMETERS + 1)
+    padded[: len(theta)] = theta
+    dz = np.full(MAX_MEMORY, np.nan)
+    z = np.zeros(MAX_MEMORY) if z is None else z
+    function = effect.force.py_func if pure else effect.force
+    value = function(
+        float(argument), float(rate), float(own), float(second), float(time), float(step), z, padded, dz
+    )
+    return value, dz[: effect.n_memory]
+
+
+def transformed(code, signal, theta, *, second=None, first=(0,), dt=DT):
+    signal = np.asarray(signal, dtype=float)
+    return CATALOGUE[code].transform(signal, second, dt, np.asarray(theta, dtype=float), np.array(first))
+
+
+class TestEntries:
+    def test_every_effect_of_the_table_acts_where_it_says(self):
+        assert {e.code: " ".join(e.ports) for e in ALL} == PLACES
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    def test_an_entry_is_complete(self, effect):
+        for text in (effect.title, effect.sentence, effect.equation, effect.separate_by, effect.source):
+            assert text.strip()
+        assert effect.sentence.endswith(".")
+        assert any(character.isdigit() for character in effect.source)  # a year
+        assert effect.argument in ARGUMENTS
+        assert 1 <= len(effect.parameters) <= MAX_PARAMETERS
+        assert 0 <= effect.n_memory <= MAX_MEMORY
+        assert effect.memoryless == (effect.n_memory == 0)
+        assert (effect.phi is not None) or effect.narx_terms
+        for parameter in effect.parameters:
+            parameter.unit.format(port="m/s^2", arg="m/s", second="V")
+            assert parameter.lower < parameter.upper
+            assert parameter.name in effect.equation
+
+    def test_look_alikes_are_mutual(self):
+        for effect in ALL:
+            assert effect.lookalikes
+            assert effect.code not in effect.lookalikes
+            for other in effect.lookalikes:
+                assert effect.code in CATALOGUE[other].lookalikes
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    def test_starting_values_are_few_finite_and_physical(self, effect, ordinary, level):
+        starts = starts_of(effect, ordinary, level)
+        assert 1 <= len(starts) <= 8
+        assert starts.shape[1] == len(effect.parameters)
+        for parameter, column in zip(effect.parameters, starts.T, strict=True):
+            assert np.all(np.isfinite(column))
+            assert np.all((column >= parameter.lower) & (column <= parameter.upper))
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    def test_nothing_starts_on_a_signal_at_rest(self, effect):
+        rest = setting_of(np.full(300, 0.7), second=np.full(300, 2.0))
+        assert effect.starts(rest).size == 0
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    def test_its_phi_regressors_run(self, effect, ordinary, level):
+        if effect.phi is None:
+            return
+        theta = starts_of(effect, ordinary, level)[0]
+        for phi in effect.phi(theta, "y", DT):
+            assert isinstance(phi, Phi)
+            assert phi.signal == "y"
+            assert np.all(np.isfinite(phi.run(ordinary.argument)))
+            assert pickle.loads(pickle.dumps(phi)).describe() == phi.describe()
+
+    def test_an_effect_pickles_by_its_code(self):
+        for effect in ALL:
+            assert pickle.loads(pickle.dumps(effect)) is effect
+
+    def test_a_changed_copy_pickles_with_its_content(self):
+        for effect in ALL:
+            mine = replace(effect, title="Mine")
+            again = pickle.loads(pickle.dumps(mine))
+            assert again.title == "Mine"
+            assert again.phi is effect.phi
+
+    def test_phi_regressors_ignore_the_share_that_goes_on(self):
+        (phi,) = CATALOGUE["overflow"].phi((2.0, 0.5), "h", DT)
+        assert phi.run(np.array([1.0, 3.0, 2.5])).tolist() == [0.0, 1.0, 0.0]
+
+
+class TestForces:
+    @pytest.mark.parametrize("effect", FORCES, ids=by_code)
+    def test_compiled_and_python_forms_agree(self, effect, ordinary, level):
+        rng = np.random.default_rng(3)
+        for theta in starts_of(effect, ordinary, level):
+            for _ in range(5):
+                argument, rate, own, second, time = rng.normal(size=5) * [1, 3, 3, 1, 1]
+                z = rng.normal(size=MAX_MEMORY) * 0.1
+                now = {"rate": rate, "own": own, "second": second, "time": abs(time), "z": z}
+                fast, dz_fast = force_of(effect, theta, argument, **now)
+                slow, dz_slow = force_of(effect, theta, argument, **now, pure=True)
+                np.testing.assert_allclose(fast, slow, rtol=1e-12, atol=1e-300)
+                np.testing.assert_allclose(dz_fast, dz_slow, rtol=1e-12, atol=1e-300)
+
+    @pytest.mark.parametrize("effect", FORCES, ids=by_code)
+    def test_a_force_is_finite_for_extreme_arguments(self, effect, ordinary, level):
+        extremes = [0.0, -0.0, 1e-300, -1e-300, 1.0, -1.0, 1e15, -1e15, 1e60, -1e60]
+        for theta in starts_of(effect, ordinary, level)[:2]:
+            for argument in extremes:
+                for rate in (0.0, 1e60, -1e60):
+                    for own in (0.0, 1e60, -1e60):
+                        value, dz = force_of(
+                            effect, theta, argument, rate=rate, own=own, second=1e30, time=1e9, step=1e-6
+                        )
+                        assert np.isfinite(value)
+                        assert np.all(np.isfinite(dz))
+
+    @pytest.mark.parametrize("effect", [e for e in FORCES if e.amplitude is not None], ids=by_code)
+    def test_a_force_is_linear_in_its_amplitude(self, effect, ordinary, level):
+        theta = starts_of(effect, ordinary, level)[0]
+        z = np.full(MAX_MEMORY, 0.02)
+        now = {"argument": 0.8, "rate": 0.5, "own": 0.4, "second": 0.3, "time": 2.0, "step": 1e-3, "z": z}
+        whole, _ = force_of(effect, theta, **now)
+        half = theta.copy()
+        half[effect.amplitude] *= 0.5
+        assert whole != 0
+        np.testing.assert_allclose(force_of(effect, half, **now)[0], 0.5 * whole, rtol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("code", "theta", "now", "force"),
+        [
+            ("viscous_damping", [2.0], {"argument": 3.0}, -6.0),
+            ("coulomb_friction", [3.0], {"argument": 2.0, "own": 9.0}, -3.0),
+            ("coulomb_friction", [3.0], {"argument": -2.0}, 3.0),
+            ("coulomb_friction", [3.0], {"argument": 0.0, "own": 1.25}, -1.25),  # rest carries the load
+            ("coulomb_friction", [3.0], {"argument": 0.02, "own": 1.0, "step": 0.01}, -3.0),
+            (
+                "coulomb_friction",
+                [3.0],
+                {"argument": 0.01, "own": 1.0, "step": 0.01},
+                -2.0,
+            ),  # stops in a step
+            ("asymmetric_friction", [2.0, 0.5], {"argument": 1.0}, -3.0),
+            ("asymmetric_friction", [2.0, 0.5], {"argument": -1.0}, 1.0),
+            ("stribeck_friction", [2.0, 1.5, 0.5, 2.0], {"argument": 0.5}, -2 * (1 + 0.5 * np.exp(-1))),
+            (
+                "stribeck_friction",
+                [2.0, 1.5, 0.5, 2.0],
+                {"argument": 0.0, "own": 2.9},
+                -2.9,
+            ),  # breakaway at 3
+            ("load_friction", [0.1], {"argument": 1.0, "own": -5.0}, -0.5),
+            ("clearance", [10.0, 0.2, 0.1], {"argument": 0.5}, -2.0),
+            ("clearance", [10.0, 0.2, 0.1], {"argument": -0.3}, 2.0),
+            ("clearance", [10.0, 0.2, 0.1], {"argument": 0.25}, 0.0),
+            ("overflow", [5.0], {"argument": 4.0, "own": 3.0}, 0.0),
+            ("overflow", [5.0], {"argument": 5.0, "own": 3.0}, -3.0),
+            ("overflow", [5.0], {"argument": 6.0, "own": -3.0}, 0.0),  # falls freely
+            ("cubic_stiffness", [2.0], {"argument": -2.0}, 16.0),
+            ("quadratic_stiffness", [2.0], {"argument": -2.0}, -8.0),
+            ("bilinear_stiffness", [2.0], {"argument": -3.0}, -6.0),
+            ("gravity", [9.81, 0.0], {"argument": np.pi / 6}, -4.905),
+            ("gravity", [9.81, np.pi / 2], {"argument": 0.0}, -9.81),
+            ("cogging", [2.0, 6.0, 0.0, 0.5], {"argument": np.pi / 12}, 2.0),
+            ("constant_load", [-1.5], {}, -1.5),
+            ("quadratic_drag", [0.5], {"argument": -2.0}, 2.0),
+            ("root_outflow", [2.0, 0.5, 0.0], {"argument": 9.0}, -6.0),
+            ("root_outflow", [2.0, 0.5, 7.0], {"argument": 9.0}, -8.0),
+            ("root_outflow", [2.0, 0.5, 0.0], {"argument": -1.0}, 0.0),
+            ("bilinear_input", [0.5], {"argument": 4.0, "second": 3.0}, 6.0),
+            ("coupling", [0.5], {"argument": 4.0, "second": 3.0}, 1.5),
+            ("gain_drift", [0.1], {"argument": 4.0, "time": 3.0}, 1.2),
+            ("temperature_gain", [0.1], {"argument": 4.0, "second": 3.0}, 1.2),
+            ("additive_drift", [2.0, 3.0], {"time": 3.0}, 2 * (1 - np.exp(-1))),
+            ("additive_drift", [2.0, 0.0], {"time": 3.0}, 2.0),
+            ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
+            ("backlash", [4.0, 0.1], {"argument": 1.0, "z": [0.5, 1.0]}, 4 * (0.9 - 1.0)),
+            ("backlash", [4.0, 0.1], {"argument": 1.0}, 0.0),  # begins centred
+            ("bouc_wen_hysteresis", [4.0, 1.0, 0.75, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
+            ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
+            ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
+            ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2]}, 0.3),
+            ("prandtl_ishlinskii", [3.0, 1.0, 0.0], {"argument": 0.4}, 0.0),
+        ],
+    )
+    def test_a_force_worked_by_hand(self, code, theta, now, force):
+        now = dict(now)
+        if "z" in now:
+            now["z"] = np.concatenate([now["z"], np.zeros(MAX_MEMORY - len(now["z"]))])
+        np.testing.assert_allclose(force_of(CATALOGUE[code], theta, **now)[0], force, rtol=1e-12, atol=1e-15)
+
+    @given(
+        v=st.floats(-10, 10),
+        own=st.floats(-50, 50),
+        limit=st.floats(0, 20),
+        asymmetry=st.floats(-1, 1),
+        step=st.floats(1e-4, 0.1),
+    )
+    @example(v=0.0, own=1.0, limit=2.0, asymmetry=0.0, step=0.01)
+    def test_dry_friction_never_exceeds_its_limit_nor_drives(self, v, own, limit, asymmetry, step):
+        force, _ = force_of(
+            CATALOGUE["asymmetric_friction"], [limit, asymmetry], v, own=own, step=step, pure=True
+        )
+        forward, backward = limit * (1 + asymmetry), limit * (1 - asymmetry)
+        assert -forward * (1 + 1e-12) <= force <= backward * (1 + 1e-12)
+        # away from rest it opposes in full
+        if abs(v) > 2 * step * (forward + backward):
+            assert force == (-forward if v > 0 else backward)
+
+    @given(own=st.floats(-1, 1), limit=st.floats(1.0, 5.0))
+    def test_dry_friction_at_rest_balances_any_load_it_can_carry(self, own, limit):
+        assert force_of(CATALOGUE["coulomb_friction"], [limit], 0.0, own=own, pure=True)[0] == -own
+
+    def test_play_force_withholds_what_the_play_operator_withholds(self):
+        x = wideband(300)
+        z = np.zeros(MAX_MEMORY)
+        forces = []
+        for value in x:
+            force, dz = force_of(CATALOGUE["backlash"], [2.0, 0.3], value, z=z)
+            z[:2] = dz
+            forces.append(force)
+        followed = play(x, 0.3, initial_state=x[0])[:, 0]
+        np.testing.assert_allclose(forces, 2.0 * (followed - x), atol=1e-14)
+
+    def test_prandtl_ishlinskii_force_and_transform_are_one_operator(self):
+        x, theta = wideband(300), np.array([2.0, 1.5, 0.7])
+        z = np.zeros(MAX_MEMORY)
+        forces = []
+        for value in x:
+            force, dz = force_of(CATALOGUE["prandtl_ishlinskii"], theta, value, z=z)
+            z[: N_PLAYS + 1] = dz
+            forces.append(force)
+        np.testing.assert_allclose(forces, transformed("prandtl_ishlinskii", x, theta) - x, atol=1e-13)
+
+
+def mass(substeps=2, k=40.0, c=0.4, dt=DT):
+    """Return a mass on a spring with a damper; the second input is a measured channel it does not use."""
+
+    def rates(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    return ODESimulator(
+        rates,
+        dt=dt,
+        parameters={"gain": 1.0, "damping": c, "stiffness": k},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [N/kg]", "temperature [K]"],
+        substeps=substeps,
+    )
+
+
+@pytest.fixture(scope="module")
+def oscillator():
+    return mass()
+
+
+def placed_on_mass(effect, theta, kind="state"):
+    weights = (
+        ((1.0, 0.0) if effect.argument in ("position", "any") else (0.0, 1.0)) if kind == "state" else ()
+    )
+    second = {"input": 0, "channel": 1}.get(effect.second, -1)
+    return PlacedEffect(effect, Port(kind, 1 if kind == "state" else 0), weights, second, theta=tuple(theta))
+
+
+class TestRuns:
+    @pytest.mark.parametrize(
+        ("effect", "kind"), [(effect, kind) for effect in ALL for kind in effect.ports], ids=str
+    )
+    def test_an_effect_on_a_mass_stays_finite_and_shows(self, oscillator, effect, kind):
+        u = np.column_stack([20 * wideband(), 20.0 + wideband(seed=2)])
+        x = np.zeros((1200, 2))
+        run = oscillator.simulate(u)[:, 0]
+        x[:, 0], x[:, 1] = run, np.gradient(run, DT)
+        own = np.gradient(x[:, 1], DT)
+        signal = {"input": u[:, 0], "output": run}.get(kind)
+        if signal is None:
+            signal = x[:, 0] if effect.argument in ("position", "any") else x[:, 1]
+        else:
+            own = signal
+        second = {"input": u[:, 0], "channel": u[:, 1]}.get(effect.second)
+        setting = setting_of(signal, own=own, second=second)
+        starts = effect.starts(setting)
+        if effect.code == "root_outflow":
+            assert len(starts) == 0  # a velocity is no level
+            starts = np.array([[1.0, 0.5, 2.0]])
+        for theta in starts:
+            changed = oscillator.with_effects([placed_on_mass(effect, theta, kind)]).simulate(u)[:, 0]
+            assert np.all(np.isfinite(changed))
+            difference = _size(changed - run) / _size(run)
+            assert 1e-4 < difference < 3
+
+    @pytest.mark.parametrize(
+        ("code", "theta"),
+        [
+            ("coulomb_friction", [3.0]),
+            ("asymmetric_friction", [3.0, 0.2]),
+            ("stribeck_friction", [2.5, 1.3, 0.1, 2.0]),
+        ],
+    )
+    def test_dry_friction_sticks_without_chatter_or_creep(self, oscillator, code, theta):
+        simulator = oscillator.with_effects([placed_on_mass(CATALOGUE[code], theta)])
+        u = np.column_stack([2.0 + 0.2 * np.sin(np.arange(1000)), np.zeros(1000)])
+        y = simulator.simulate(u)[:, 0]
+        assert np.max(np.abs(y)) < 1e-9
+        moved = simulator.simulate(np.column_stack([np.full(1000, 8.0), np.zeros(1000)]))[:, 0]
+        assert moved.max() > 0.1
+        assert np.ptp(moved[-300:]) < 1e-9  # and comes to rest for good
+
+    def test_coulomb_friction_takes_the_same_off_every_half_swing(self):
+        friction, k = 0.5, 40.0
+        simulator = mass(substeps=10, k=k, c=0.0, dt=1e-3).with_effects(
+            [placed_on_mass(CATALOGUE["coulomb_friction"], [friction])]
+        )
+        y = simulator.simulate(np.zeros((2500, 2)), x0=[0.2, 0.0])[:, 0]
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(y)))) + 1
+        peaks = np.abs(np.concatenate([[0.2], y[turns[:4]]]))
+        np.testing.assert_allclose(-np.diff(peaks), 2 * friction / k, rtol=5e-3)
+
+    @pytest.mark.parametrize("d", [1e-12, 1e-4, 1e-2])
+    def test_presliding_friction_never_stiffens_the_run(self, oscillator, d):
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01])
+        u = np.column_stack([20 * wideband(), np.zeros(1200)])
+        y = oscillator.with_effects([effect]).simulate(u)[:, 0]
+        assert np.max(np.abs(y)) < np.max(np.abs(oscillator.simulate(u)))
+
+    def test_presliding_friction_is_a_spring_before_breakaway(self, oscillator):
+        friction, d = 3.0, 0.01
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [friction, d, 1.0, 0.1, 0.05])
+        u = np.column_stack([np.full(3000, 0.03), np.zeros(3000)])
+        y = oscillator.with_effects([effect]).simulate(u)[-1, 0]
+        np.testing.assert_allclose(
+            y, 0.03 / (40.0 + friction / d), rtol=0.02
+        )  # dx/dF, but for the bristle's slip
+
+    def test_a_tank_holds_its_rim_and_spills_the_share_onward(self):
+        def tanks(x, u, p):
+            return p[0] * u[0] - p[1] * x[0], p[1] * x[0] - p[1] * x[1]
+
+        simulator = ODESimulator(
+            tanks,
+            dt=0.05,
+            parameters={"gain": 1.0, "outflow": 0.5},
+            states=["upper [m]", "lower [m]"],
+            inputs=["pump [V]"],
+        )
+        rim, share, n = 3.0, 0.25, 1000
+        effect = PlacedEffect(
+            CATALOGUE["overflow"], Port("state", 0), (1.0, 0.0), onward=1, theta=(rim, share)
+        )
+        full = simulator.with_effects([effect])
+        windows_x = full.run(
+            np.full((n, 1), 2.5),
+            *_whole(n),
+        ).x
+        assert windows_x[:, 0].max() <= rim * (1 + 1e-9)
+        inflow, lost = 2.5, 2.5 - 0.5 * rim
+        np.testing.assert_allclose(windows_x[-1], [rim, (inflow - (1 - share) * lost) / 0.5], rtol=1e-6)
+
+    def test_a_tank_drains_as_torricelli_says(self):
+        def tank(x, u, p):
+            return (p[0] * u[0],)
+
+        simulator = ODESimulator(tank, dt=0.01, parameters={"gain": 1.0}, states=["level"], inputs=["pump"])
+        effect = PlacedEffect(CATALOGUE["root_outflow"], Port("state", 0), (1.0,), theta=(0.8, 0.5, 0.0))
+        h = simulator.with_effects([effect]).simulate(np.zeros((400, 1)), x0=[1.0])[:, 0]
+        t = 0.01 * np.arange(400)
+        np.testing.assert_allclose(h[:240], (1 - 0.4 * t[:240]) ** 2, atol=1e-6)
+        assert np.all(h[-100:] >= 0)
+        assert h[-1] < 1e-6
+
+
+def _whole(n):
+    from narx_sklearn.discrepancy.simulator import Windows
+
+    return Windows.whole([slice(0, n)]), np.zeros((1, 2))
+
+
+class TestTransforms:
+    @pytest.mark.parametrize("effect", [e for e in TRANSFORMS if e.amplitude is not None], ids=by_code)
+    def test_what_a_transform_adds_is_linear_in_its_amplitude(self, effect, ordinary):
+        theta = effect.starts(ordinary)[0]
+        half = theta.copy()
+        half[effect.amplitude] *= 0.5
+
+        def added(values):
+            changed = effect.transform(ordinary.argument, ordinary.second, DT, values, ordinary.first)
+            return changed - ordinary.argument
+
+        np.testing.assert_allclose(added(half), 0.5 * added(theta), atol=1e-12)
+
+    @pytest.mark.parametrize("effect", TRANSFORMS, ids=by_code)
+    def test_a_transform_keeps_gaps_to_themselves(self, effect, ordinary):
+        broken = ordinary.argument.copy()
+        broken[[0, 300, 301, 302, 700]] = np.nan
+        for theta in effect.starts(ordinary):
+            out = effect.transform(broken, ordinary.second, DT, theta, ordinary.first)
+            np.testing.assert_array_equal(np.isnan(out), np.isnan(broken))
+
+    @pytest.mark.parametrize("effect", [e for e in TRANSFORMS if e.code != "stuck_sensor"], ids=by_code)
+    def test_a_transform_begins_anew_with_each_session(self, effect, ordinary):
+        second = ordinary.second
+        for theta in effect.starts(ordinary):
+            whole = effect.transform(ordinary.argument, second, DT, theta, np.array([0, 700]))
+            parts = [
+                effect.transform(ordinary.argument[part], second[part], DT, theta, np.array([0]))
+                for part in (slice(0, 700), slice(700, None))
+            ]
+            np.testing.assert_allclose(whole, np.concatenate(parts), atol=1e-14)
+
+    @pytest.mark.parametrize(
+        ("code", "theta"),
+        [
+            ("backlash", [1.0, 0.0]),
+            ("dead_zone", [0.0]),
+            ("valve_stiction", [0.0, 0.5]),
+            ("input_saturation", [-1e9, 1e9]),
+            ("sensor_clip", [-1e9, 1e9]),
+            ("rate_limit", [1e9]),
+            ("input_polynomial", [0.0, 0.0]),
+            ("bouc_wen_hysteresis", [0.0, 1.0, 0.75, 1.0]),
+            ("prandtl_ishlinskii", [1.0, 0.0, 0.0]),
+            ("creep", [1.0, 0.0]),
+            ("delay", [0.0]),
+            ("lag", [0.0]),
+            ("extra_mode", [0.0, 10.0, 0.1]),
+            ("quantisation", [0.0]),
+            ("quantisation", [1e-9]),
+            ("stuck_sensor", [1.0, 0.0]),
+            ("sensor_bias", [0.0]),
+            ("periodic_disturbance", [0.0, 3.0, 0.0]),
+            ("additive_drift", [0.0, 3.0]),
+            ("gain_drift", [0.0]),
+        ],
+    )
+    def test_a_transform_of_no_size_changes_nothing(self, code, theta):
+        signal = wideband()
+        np.testing.assert_allclose(transformed(code, signal, theta), signal, atol=1e-8)
+
+    @pytest.mark.parametrize(
+        ("code", "theta"),
+        [
+            ("backlash", [1.0, 0.3]),
+            ("valve_stiction", [0.6, 0.5]),
+            ("rate_limit", [0.5]),
+            ("bouc_wen_hysteresis", [0.5, 1.0, 0.75, 1.0]),
+            ("prandtl_ishlinskii", [0.5, 1.0, 0.0]),
+            ("creep", [0.5, 1.0]),
+            ("delay", [0.3]),
+            ("lag", [0.3]),
+            ("extra_mode", [0.5, 10.0, 0.1]),
+        ],
+    )
+    def test_memory_begins_at_rest_on_the_first_value(self, code, theta):
+        held = transformed(code, np.full(400, 3.7), theta)
+        np.testing.assert_allclose(held, 3.7, rtol=1e-9)
+
+    def test_saturation_dead_zone_and_steps_worked_by_hand(self):
+        signal = [-2.0, -0.5, 0.5, 2.0]
+        assert transformed("input_saturation", signal, [-1.0, 1.5]).tolist() == [-1.0, -0.5, 0.5, 1.5]
+        assert transformed("dead_zone", signal, [0.75]).tolist() == [-1.25, 0.0, 0.0, 1.25]
+        assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
+        assert transformed("input_polynomial", [2.0], [0.5, 0.25]).tolist() == [6.0]
+        assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4], dt=1.0).tolist() == pytest.approx(
+            [0.0, 0.4, 0.8, 0.4]
+        )
+        assert transformed("gain_drift", [1.0, 1.0, 1.0], [0.5], dt=1.0, first=[0, 2]).tolist() == [
+            1.0,
+            1.5,
+            1.0,
+        ]
+        assert transformed("temperature_gain", [2.0], [0.5], second=np.array([3.0])).tolist() == [5.0]
+
+    def test_a_sticking_valve_holds_then_jumps(self):
+        """S = 1, J = 0.4: the stem leaves at 0.7 from relaxed, then trails by 0.3; a reversal takes S."""
+        command = [0.0, 0.4, 0.6, 0.8, 1.0, 0.4, 0.1, -0.1]
+        stem = transformed("valve_stiction", command, [1.0, 0.4])
+        np.testing.assert_allclose(stem, [0.0, 0.0, 0.0, 0.5, 0.7, 0.7, 0.7, 0.2], atol=1e-12)
+
+    def test_a_valve_without_jump_is_a_play(self):
+        signal = wideband()
+        np.testing.assert_allclose(
+            transformed("valve_stiction", signal, [0.6, 0.0]),
+            transformed("backlash", signal, [1.0, 0.3]),
+            atol=1e-12,
+        )
+
+    def test_a_delay_of_whole_samples_is_a_shift(self):
+        signal = wideband()
+        late = transformed("delay", signal, [5 * DT])
+        np.testing.assert_allclose(late[5:], signal[:-5], atol=1e-12)
+        np.testing.assert_allclose(late[:5], signal[0])
+
+    @pytest.mark.parametrize("T", [0.02, 0.3, 4.0])
+    def test_a_lag_is_the_filter_it_says(self, T):
+        signal = wideband() - wideband()[0]
+        _, expected, _ = lsim(([1.0], [T, 1.0]), signal, np.arange(signal.size) * DT)
+        np.testing.assert_allclose(transformed("lag", signal, [T]), expected, atol=1e-10)
+
+    @pytest.mark.parametrize(("w", "zeta"), [(3.0, 0.05), (20.0, 0.5), (1.0, 3.0)])
+    def test_an_extra_mode_is_the_filter_it_says(self, w, zeta):
+        signal = wideband() - wideband()[0]
+        _, mode, _ = lsim(([w * w], [1.0, 2 * zeta * w, w * w]), signal, np.arange(signal.size) * DT)
+        expected = signal + 0.4 * (mode - signal)
+        np.testing.assert_allclose(transformed("extra_mode", signal, [0.4, w, zeta]), expected, atol=1e-9)
+
+    def test_creep_goes_on_like_the_logarithm_of_time(self):
+        """From T to ten T, the response to a step grows by nearly the same in each half octave."""
+        step = np.concatenate([[0.0], np.ones(40000)])
+        slow = transformed("creep", step, [1.0, 1.0])
+        at = np.searchsorted(np.arange(step.size) * DT, np.geomspace(1, 10, 7))
+        growth = np.diff(slow[at])
+        assert growth.max() / growth.min() < 1.4
+        np.testing.assert_allclose(slow[-1], 1.0, atol=1e-3)
+
+    @pytest.mark.parametrize(
+        ("run", "theta"),
+        [
+            (_bouc_wen_run, (0.5, 0.75, 1.5)),
+            (_bouc_wen_run, (1e-4, 0.75, 1.0)),
+            (_weighted_plays_run, (1.0, 0.5)),
+            (_creep_run, (DT, 0.5)),
+            (_play_run, (0.3,)),
+            (_stiction_run, (0.5, 0.2)),
+            (_rate_limit_run, (0.05,)),
+            (_lag_run, (0.9, 0.05)),
+            (_mode_run, _mode_matrices(10.0, 0.1, DT)),
+        ],
+    )
+    def test_series_kernels_agree_with_their_python_form(self, run, theta):
+        signal = wideband(60)
+        np.testing.assert_allclose(run(signal, *theta), run.py_func(signal, *theta), rtol=1e-12, atol=1e-15)
+
+    def test_a_stuck_sensor_holds_the_value_it_stuck_at(self):
+        signal = wideband()
+        stuck = transformed("stuck_sensor", signal, [2.0, 1.0])
+        np.testing.assert_allclose(stuck[200:300], signal[200])
+        np.testing.assert_array_equal(np.delete(stuck, np.s_[200:300]), np.delete(signal, np.s_[200:300]))
+
+
+class TestHysteresis:
+    @given(seed=st.integers(0, 50), q=st.floats(-1, 3))
+    @settings(max_examples=15)
+    def test_a_larger_swing_wipes_out_the_loops_inside(self, seed, q):
+        rng = np.random.default_rng(seed)
+        inner = rng.uniform(-0.8, 0.8, 6)
+        with_loops = transformed("prandtl_ishlinskii", [0.0, -1.0, *inner, 1.0, 0.3], [1.0, 0.7, q])
+        without = transformed("prandtl_ishlinskii", [0.0, -1.0, 1.0, 0.3], [1.0, 0.7, q])
+        np.testing.assert_allclose(with_loops[-2:], without[-2:], atol=1e-12)
+
+    def test_minor_loops_between_the_same_limits_are_congruent(self):
+        path = np.linspace(0.0, 0.4, 9)
+        swing = np.concatenate([path, path[::-1], path])
+        up = transformed("prandtl_ishlinskii", np.concatenate([[0.0, -1.5], swing]), [1.0, 0.7, 0.5])[2 + 9 :]
+        down = transformed("prandtl_ishlinskii", np.concatenate([[0.0, 1.5], swing]), [1.0, 0.7, 0.5])[
+            2 + 9 :
+        ]
+        np.testing.assert_allclose(up - up[0], down - down[0], atol=1e-12)
+        assert abs(up[0] - down[0]) > 0.1
+
+    @pytest.mark.parametrize("beta", [0.5, 0.75, 1.5])
+    def test_bouc_wen_loads_along_its_closed_form(self, beta):
+        """dz/dx = 1 - |z/zy|^n from rest: zy (1 - exp(-x/zy)) for n = 1, zy tanh(x/zy) for n = 2."""
+        x, zy = np.linspace(0, 3, 100), 0.8
+        np.testing.assert_allclose(_bouc_wen_run(x, zy, beta, 1.0), zy * (1 - np.exp(-x / zy)), atol=1e-3)
+        np.testing.assert_allclose(_bouc_wen_run(x, zy, beta, 2.0), zy * np.tanh(x / zy), atol=1e-3)
+
+    @given(seed=st.integers(0, 30), beta=st.floats(0.5, 2.0), n=st.floats(0.5, 6.0), zy=st.floats(1e-3, 5.0))
+    @settings(max_examples=20)
+    def test_bouc_wen_stays_within_its_yield(self, seed, beta, n, zy):
+        x = np.random.default_rng(seed).normal(size=40)
+        assert np.max(np.abs(_bouc_wen_run(x, zy, beta, n))) <= zy * (1 + 1e-12)
+
+    @pytest.mark.parametrize("code", ["bouc_wen_hysteresis", "prandtl_ishlinskii", "backlash"])
+    def test_hysteresis_does_not_depend_on_speed(self, code):
+        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 0.75, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0]}
+        theta = theta.get(code, [1.0, 0.3])
+        slow = np.sin(np.linspace(0, 10, 4001))
+        np.testing.assert_allclose(
+            transformed(code, slow, theta)[::4], transformed(code, slow[::4], theta), atol=2e-3
+        )
+
+    @pytest.mark.parametrize(
+        ("code", "theta"),
+        [
+            ("bouc_wen_hysteresis", [3.0, 0.4, 0.75, 1.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.4, 0.5, 2.0]),
+            ("prandtl_ishlinskii", [3.0, 0.7, 0.0]),
+            ("backlash", [3.0, 0.3]),
+        ],
+    )
+    def test_a_hysteretic_force_takes_energy_out_of_every_cycle(self, code, theta):
+        x = np.sin(np.linspace(0, 6 * np.pi, 6001))
+        force = transformed(code, x, theta) - x
+        work = np.sum(0.5 * (force[2001:] + force[2000:-1]) * np.diff(x[2000:]))
+        assert work < -0.1
+
+
+class TestStarts:
+    def test_friction_needs_motion_both_ways(self):
+        oneway = setting_of(2.0 + 0.5 * wideband() / 5, own=wideband(seed=1))
+        for code in ("coulomb_friction", "asymmetric_friction", "stribeck_friction", "presliding_friction"):
+            assert CATALOGUE[code].starts(oneway).size == 0
+        assert CATALOGUE["load_friction"].starts(oneway).size == 0
+        assert CATALOGUE["bilinear_stiffness"].starts(oneway).size == 0
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    @pytest.mark.parametrize("n", [1, 2, 3, 8])
+    def test_a_short_record_is_no_trouble(self, effect, n):
+        x = wideband(8)[:n]
+        rate = np.gradient(x, DT) if n > 1 else np.zeros(1)
+        setting = Setting(x, rate, -x, x + 1, np.arange(n) * DT, DT, np.array([0]), 0.1 * x)
+        assert np.all(np.isfinite(effect.starts(setting)))
+
+    @pytest.mark.parametrize("effect", ALL, ids=by_code)
+    def test_a_run_that_broke_off_is_no_trouble(self, effect, ordinary, level):
+        whole = ordinary if len(effect.starts(ordinary)) else level
+        signals = {"argument", "rate", "own", "second"}
+        cut = {
+            name: np.where(np.arange(1200) < 900, field, np.nan)
+            for name, field in whole._asdict().items()
+            if name in signals and field is not None
+        }
+        broken = whole._replace(**cut, residual=cut["argument"])
+        assert len(effect.starts(broken)) > 0
+        lost = np.full(1200, np.nan)
+        assert effect.starts(broken._replace(**dict.fromkeys(signals, lost), residual=lost)).size == 0
+
+    def test_an_input_of_two_levels_shows_no_curve(self):
+        two = setting_of(np.sign(wideband()))
+        for code in ("input_saturation", "input_polynomial", "dead_zone"):
+            assert CATALOGUE[code].starts(two).size == 0
+
+    def test_a_small_angle_shows_no_weight(self):
+        small = setting_of(0.004 * wideband(), own=wideband(seed=1))
+        assert CATALOGUE["gravity"].starts(small).size == 0
+        assert CATALOGUE["cogging"].starts(small).size == 0
+
+    def test_thresholds_lie_within_the_signal(self, ordinary):
+        low, high = ordinary.argument.min(), ordinary.argument.max()
+        assert np.all(CATALOGUE["dead_zone"].starts(ordinary) < max(-low, high))
+        levels = CATALOGUE["overflow"].starts(ordinary)
+        assert np.all((levels > low) & (levels < high))
+
+    @pytest.mark.parametrize("effect", [e for e in TRANSFORMS if e.code != "stuck_sensor"], ids=by_code)
+    def test_a_transform_starts_with_a_change_of_ordinary_size(self, effect):
+        signal = wideband()
+        setting = setting_of(signal, second=wideband(seed=2))
+        for theta in effect.starts(setting):
+            changed = effect.transform(signal, setting.second, DT, theta, setting.first)
+            assert 0.001 < _size(changed - signal) / _size(signal) < 1.5
+
+    @given(w=st.floats(2.0, 150.0), phase=st.floats(0, 6))
+    @settings(max_examples=20)
+    def test_a_line_in_the_residual_gives_its_frequency(self, w, phase):
+        signal = wideband(2000)
+        t = np.arange(2000) * DT
+        noise = 0.2 * np.random.default_rng(0).normal(size=2000)
+        residual = np.sin(w * t + phase) + noise
+        starts = CATALOGUE["periodic_disturbance"].starts(setting_of(signal, residual=residual))
+        assert np.min(np.abs(starts[:, 1] - w)) < 0.5 * 2 * np.pi / t[-1]
+
+    @pytest.mark.parametrize("waves", [6, 17])
+    def test_a_ripple_in_the_residual_gives_its_wave_number(self, waves):
+        angle = 3 * wideband(2000)
+        residual = np.sin(waves * angle + 1.0) + 0.3 * np.random.default_rng(0).normal(size=2000)
+        starts = CATALOGUE["cogging"].starts(setting_of(angle, own=wideband(2000, 1), residual=residual))
+        assert waves in starts[:, 1]
+
+    def test_the_step_of_a_coarse_sensor_is_read_off_its_values(self):
+        signal = wideband()
+        residual = 0.25 * np.round((signal + 0.01) / 0.25) - signal
+        starts = CATALOGUE["quantisation"].starts(setting_of(signal, residual=residual))
+        np.testing.assert_allclose(starts[0], 0.25, rtol=1e-4)
+
+    def test_a_standstill_of_the_sensor_is_found(self):
+        signal = wideband()
+        shown = transformed("stuck_sensor", signal, [4.0, 1.5])
+        starts = CATALOGUE["stuck_sensor"].starts(setting_of(signal, residual=shown - signal))
+        np.testing.assert_allclose(starts[0], [4.0, 1.5], atol=1.01 * DT)
+
+
+def a_magnet(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] / (1.0 + argument * argument)
+
+
+def one_start(setting):
+    return np.array([[0.5]])
+
+
+def twice(signal, second, dt, theta, first):
+    return 2.0 * signal
+
+
+def raising(*arguments):
+    raise KeyError("nothing here")
+
+
+def make(**changes):
+    content = {
+        "code": "magnet",
+        "title": "Magnet",
+        "sentence": "A magnet pulls when near.",
+        "equation": "a/(1 + x^2)",
+        "parameters": (EffectParameter("a", "{port}"),),
+        "starts": one_start,
+        "force": a_magnet,
+    }
+    return Effect(**(content | changes))
+
+
+class TestRegistry:
+    def test_a_registered_effect_is_listed_and_can_be_taken_out(self):
+        magnet = make()
+        register_effect(magnet)
+        try:
+            assert CATALOGUE["magnet"] is magnet
+            assert list_effects()["code"].iloc[-1] == "magnet"
+            with pytest.raises(ValueError, match="already holds an effect of code 'magnet'"):
+                register_effect(make())
+        finally:
+            assert unregister_effect("magnet") is magnet
+        assert "magnet" not in CATALOGUE
+
+    def test_a_registered_effect_pickles_with_its_content(self):
+        again = pickle.loads(pickle.dumps(make()))
+        assert again.force is a_magnet
+        assert again.parameters == make().parameters
+
+    def test_a_plain_python_force_runs_in_a_simulator(self, oscillator):
+        u = np.column_stack([wideband(), np.zeros(1200)])
+        run = oscillator.with_effects([placed_on_mass(make(argument="position"), [2.0])]).simulate(u)
+        assert np.mean(run) > np.mean(oscillator.simulate(u)) + 0.01
+
+    def test_the_catalogue_itself_stays(self):
+        with pytest.raises(ValueError, match="belongs to the package"):
+            unregister_effect("gravity")
+        with pytest.raises(ValueError, match="No effect 'lorentz' was registered"):
+            unregister_effect("lorentz")
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"code": "two words"}, "code must be"),
+            ({"title": " "}, "title must be a text"),
+            ({"sentence": None}, "sentence must be a text"),
+            ({"force": None}, "needs a force"),
+            ({"force": None, "transform": twice, "input_port": False, "output_port": False}, "act nowhere"),
+            ({"force": 3}, "force must be callable"),
+            ({"starts": None}, "starts must be callable"),
+            ({"parameters": ()}, "0 parameters"),
+            ({"parameters": (EffectParameter("a", "-", 1.0, 1.0),)}, "lower < upper"),
+            ({"argument": "velocity"}, "argument must be one of"),
+            ({"second": "state"}, "second must be one of"),
+            ({"amplitude": 1}, "amplitude must index"),
+            ({"n_memory": 99}, "n_memory must lie"),
+            ({"force": raising}, "force raised KeyError"),
+            ({"starts": raising}, "starts raised KeyError"),
+            ({"starts": lambda s: np.ones((2, 3))}, r"returned shape \(2, 3\)"),
+            ({"parameters": (EffectParameter("a", "-", 1.0),)}, "outside its bounds"),
+            ({"force": lambda *a: np.inf}, "force returned inf"),
+            ({"n_memory": 1}, "force left dz"),
+            ({"transform": lambda signal, *a: signal[:-1]}, r"transform returned shape \(63,\)"),
+            ({"transform": lambda signal, *a: signal.__imul__(2.0)}, "transform changed its signal"),
+        ],
+    )
+    def test_a_malformed_entry_is_refused_with_a_reason(self, changes, message):
+        with pytest.raises(ValueError, match=message):
+            register_effect(make(**changes))
+        assert "magnet" not in CATALOGUE
+
+    def test_only_effects_are_registered(self):
+        with pytest.raises(TypeError, match="must be an Effect, got str"):
+            register_effect("magnet")
+
+    def test_an_effect_without_starts_can_be_registered(self):
+        register_effect(make(starts=no_start))
+        unregister_effect("magnet")
+
+    def test_the_list_holds_every_effect_once(self):
+        table = list_effects()
+        assert table["code"].is_unique
+        assert set(table["code"]) == set(CATALOGUE)
+        assert table.notna().all().all()

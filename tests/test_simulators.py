@@ -1,0 +1,334 @@
+"""ODESimulator: runs against exact solutions, mistakes of the user's function, points of rest."""
+
+import copy
+import math
+import pickle
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from joblib.externals.loky.backend.reduction import dumps
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
+
+STAGE = {
+    "dt": 0.05,
+    "parameters": {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0},
+    "states": ["position [m]", "velocity [m/s]"],
+    "inputs": ["drive [V]"],
+    "outputs": ["position [m]"],
+}
+TANK = {"dt": 0.1, "parameters": {"a": 1.0, "b": 0.5}, "states": ["h"], "inputs": ["u"]}
+GAIN = {"gain": 1.0}
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def tank(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+# -- runs ---------------------------------------------------------------------------------------------------
+
+
+def test_linear_stage_follows_the_matrix_exponential():
+    A, B, dt = np.array([[0, 1], [-12, -0.8]]), np.array([0.0, 1.0]), 0.05
+    u = np.random.default_rng(0).normal(size=100)
+    step = expm(np.block([[A, B[:, None]], [np.zeros((1, 3))]]) * dt)
+    x, expected = np.zeros(2), []
+    for value in u:
+        expected.append(x[0])
+        x = step[:2, :2] @ x + step[:2, 2] * value
+    y = ODESimulator(stage, substeps=4, **STAGE).simulate(u)
+    np.testing.assert_allclose(y[:, 0], expected, atol=1e-7)  # four steps of order four: (0.17/4)^5
+
+
+def test_linear_hold_agrees_with_an_independent_solver():
+    u, dt = np.random.default_rng(1).normal(size=40), 0.05
+    time = dt * np.arange(u.size)
+    exact = solve_ivp(
+        lambda t, x: stage(x, [np.interp(t, time, u)], [1.0, 0.8, 12.0]),
+        (0, time[-1]),
+        [0.1, 0.0],
+        t_eval=time,
+        rtol=1e-10,
+        atol=1e-12,
+        max_step=dt / 4,
+    )
+    y = ODESimulator(stage, hold="linear", substeps=4, **STAGE).simulate(u, x0=[0.1, 0.0])
+    np.testing.assert_allclose(y[:, 0], exact.y[0], atol=1e-7)
+
+
+def test_python_fallback_runs_as_compiled():
+    class Tank:
+        def __call__(self, x, u, p):
+            return list(tank(x, u, p))
+
+    u = np.random.default_rng(0).normal(size=200)
+    with pytest.warns(NarxWarning, match="Tank could not be compiled"):
+        y = ODESimulator(Tank(), **TANK).simulate(u)
+    np.testing.assert_allclose(y, ODESimulator(tank, **TANK).simulate(u), rtol=1e-12, atol=1e-15)
+
+
+def test_fallback_says_its_price_once_and_nothing_of_numba_leaks():
+    looked_up = {"a": 1.0}
+
+    def decay(x, u, p):
+        return (-looked_up["a"] * x[0],)
+
+    sim = ODESimulator(decay, **TANK)
+    with pytest.warns(NarxWarning, match="hundreds of times slower") as caught:
+        assert not sim.compiled
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        y = sim.simulate(np.zeros(3), x0=[1.0])
+    np.testing.assert_allclose(y[1, 0], 1 - 0.1 + 0.1**2 / 2 - 0.1**3 / 6 + 0.1**4 / 24, rtol=1e-14)
+
+
+def test_bare_number_arrays_and_functions_of_the_output_compile():
+    for function in (lambda x, u, p: -p[0] * x[0], lambda x, u, p: -p[0] * x, lambda x, u, p: [-p[0] * x[0]]):
+        assert ODESimulator(function, **TANK).compiled
+    sim = ODESimulator(
+        stage, output=lambda x, u, p: (x[0] + u[0], 2 * x[1]), **STAGE | {"outputs": ["sum [m]", "twice"]}
+    )
+    y = sim.simulate([1.0, 1.0], x0=[3.0, 4.0])
+    assert y[0].tolist() == [4.0, 8.0]
+
+
+def test_several_inputs_outputs_and_an_ignored_channel():
+    def two_tanks(x, u, p):
+        return p[0] * u[0] - x[0], p[0] * u[1] + x[0] - x[1]
+
+    sim = ODESimulator(
+        two_tanks,
+        dt=0.1,
+        parameters=GAIN,
+        states=["h1", "h2"],
+        inputs=["p1", "p2", "temperature [K]"],
+        outputs=["h2", "h1"],
+    )
+    u = np.random.default_rng(2).normal(size=(300, 3))
+    y = sim.simulate(u)
+    u[:, 2] = 300.0
+    np.testing.assert_array_equal(sim.simulate(u), y)
+    np.testing.assert_allclose(sim.steady_state([1.0, 2.0, 300.0]), [1.0, 3.0])
+    assert not sim.jacobian([0, 0], [0, 0, 0]).B[:, 2].any()
+
+
+def test_dataframe_in_dataframe_out_columns_by_name():
+    sim = ODESimulator(lambda x, u, p: (u[0] - 2 * u[1],), **TANK | {"inputs": ["a [V]", "b [V]"]})
+    frame = pd.DataFrame({"b [V]": [1.0, 1.0], "other": [9.0, 9.0], "a [V]": [3.0, 3.0]}, index=[5, 6])
+    y = sim.simulate(frame)
+    assert list(y.columns) == ["h"]
+    assert list(y.index) == [5, 6]
+    np.testing.assert_allclose(y["h"], [0.0, 0.1])
+
+
+def test_sessions_and_gaps_begin_anew():
+    sim = ODESimulator(tank, **TANK)
+    u = np.ones(9)
+    alone = sim.simulate(u[:3], x0=[2.0])[:, 0]
+    y = sim.simulate(u, x0=[[2.0], [2.0], [2.0]], sessions=[0] * 3 + [1] * 3 + [2] * 3)[:, 0]
+    np.testing.assert_array_equal(y, np.tile(alone, 3))
+    u[3] = np.nan
+    y = sim.simulate(u, x0=[2.0])[:, 0]
+    assert np.isnan(y[3])
+    np.testing.assert_array_equal(y[4:7], alone)
+
+
+def test_windows_of_a_run_join_to_the_whole():
+    sim, u = ODESimulator(stage, **STAGE), np.random.default_rng(3).normal(size=(60, 1))
+    whole = sim.run(u, Windows.whole([slice(0, 60)]), np.zeros((1, 2)))
+    first = np.array([0, 25])
+    parts = Windows(first, np.array([25, 60]), np.array([True, False]), np.zeros(2, dtype=np.int64))
+    np.testing.assert_array_equal(sim.run(u, parts, whole.x[first]).y, whole.y)
+
+
+# -- trouble in a run --------------------------------------------------------------------------------------
+
+
+def test_divergence_names_the_first_lost_sample():
+    sim = ODESimulator(lambda x, u, p: (x[0] * x[0],), dt=0.25, parameters={}, states=["x"], inputs=["u"])
+    with pytest.warns(DivergenceWarning, match="finite range at sample") as caught:
+        y = sim.simulate(np.zeros(40), x0=[1.0])
+    k = int(np.flatnonzero(np.isnan(y))[0])
+    assert f"at sample {k} (t = {0.25 * k:g} s)" in str(caught[0].message)
+    assert np.isnan(y[k:]).all()
+
+
+@pytest.mark.parametrize("form", [lambda f: f, lambda f: lambda *a, c={"f": f}: c["f"](*a)])
+def test_undefined_arithmetic_ends_a_run_with_its_sample(form):
+    def drain(x, u, p):
+        return (-math.sqrt(x[0]) - 1.0,)
+
+    sim = ODESimulator(form(drain), dt=0.1, parameters={}, states=["h"], inputs=["u"])
+    with pytest.warns(NarxWarning) as caught:
+        y = sim.simulate(np.zeros(20), x0=[0.5])
+    assert any(issubclass(w.category, DivergenceWarning) for w in caught)
+    assert np.isfinite(y[:3]).all()
+    assert np.isnan(y[-1])
+
+
+@pytest.mark.filterwarnings("ignore:.*hundreds of times slower")
+@pytest.mark.parametrize("table", [None, {"a": 1}], ids=["compiled", "python"])
+def test_function_that_raises_in_a_run_is_named_with_its_sample(table):
+    def fill(x, u, p):
+        if x[0] > 2.0 and u[0] > 0.5:
+            if table is None:
+                raise KeyError("overfull")
+            return table["overfull"]
+        return (u[0] + 0.0,)
+
+    sim = ODESimulator(fill, dt=1.0, parameters={}, states=["h"], inputs=["u"])
+    with pytest.raises(RuntimeError, match=r"raised KeyError: 'overfull', at sample 2 \(t = 2 s\)"):
+        sim.simulate(np.ones(6))
+
+
+def test_index_past_the_end_is_an_error_and_no_garbage():
+    def wrong(x, u, p):
+        return (x[0] if u[0] < 2 else x[7],)
+
+    sim = ODESimulator(wrong, **TANK)
+    with pytest.raises(RuntimeError, match="raised IndexError"):
+        sim.simulate(np.full(3, 5.0))
+
+
+def test_stiff_equations_are_told_with_enough_substeps():
+    stiff = TANK | {"parameters": {"a": 1.0, "b": 100.0}}
+    with pytest.warns(NarxWarning, match=r"100 1/s.*Try substeps=7"):
+        ODESimulator(tank, **stiff).simulate(np.ones(3))
+    y = ODESimulator(tank, substeps=7, **stiff).simulate(np.ones(30))
+    np.testing.assert_allclose(y[-1, 0], 0.01, rtol=1e-9)
+
+
+# -- points ------------------------------------------------------------------------------------------------
+
+
+def test_jacobian_has_the_matrices_of_the_linear_stage():
+    A, B, C, D = ODESimulator(stage, **STAGE).jacobian([0.3, -2.0], [5.0])
+    np.testing.assert_allclose(A, [[0, 1], [-12, -0.8]], atol=1e-8)
+    np.testing.assert_allclose(B, [[0], [1]], atol=1e-8)
+    np.testing.assert_allclose(C, [[1, 0]], atol=1e-8)
+    np.testing.assert_allclose(D, [[0]], atol=1e-8)
+    other = ODESimulator(stage, **STAGE).jacobian([0, 0], [0], [1.0, 2.0, 3.0]).A
+    np.testing.assert_allclose(other, [[0, 1], [-3, -2]], atol=1e-8)
+
+
+@given(st.floats(-3, 3), st.floats(0.2, 5))
+def test_steady_state_is_where_a_long_run_ends(u, outflow):
+    sim = ODESimulator(tank, **TANK).with_parameters({"b": outflow})
+    np.testing.assert_allclose(sim.steady_state([u]), [u / outflow], atol=1e-9)
+
+
+def test_steady_state_prefers_a_stable_rest_and_says_when_there_is_none():
+    def double_well(x, u, p):
+        return (x[0] - x[0] ** 3 + u[0],)
+
+    about = {"dt": 0.1, "parameters": {}, "states": ["x"], "inputs": ["u"]}
+    rest = ODESimulator(double_well, **about).steady_state([0.0])
+    np.testing.assert_allclose(np.abs(rest), [1.0])
+    with pytest.raises(ValueError, match="not found to rest anywhere"):
+        ODESimulator(lambda x, u, p: (u[0] + 0.0,), **about).steady_state([1.0])
+    with pytest.raises(ValueError, match=r"u has shape \(2,\), wanted is \(1,\)"):
+        ODESimulator(double_well, **about).steady_state([0.0, 1.0])
+
+
+# -- mistakes in the arguments -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda x, u, p: (x[0], x[0]), "returned 2 values; wanted are 1 rates"),
+        (lambda x, u, p: (x[3],), "raised IndexError"),
+        (lambda x, u, p: None, "returned None; wanted are 1 numbers"),
+        (lambda x, u: (x[0],), "raised TypeError"),
+    ],
+)
+def test_wrong_functions_are_refused_at_once(function, message):
+    with pytest.raises(ValueError, match=message):
+        ODESimulator(function, **TANK)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"dt": "0.1"}, TypeError, "dt is the sampling period in seconds, a number; got '0.1'"),
+        ({"dt": -1.0}, ValueError, "must be positive"),
+        ({"states": "h"}, TypeError, "states must be a list of names"),
+        ({"states": ["h", "h [m]"]}, ValueError, r"states names \['h'\] twice"),
+        ({"inputs": ["u", "u"]}, ValueError, r"inputs names \['u'\] twice"),
+        ({"parameters": {"a": 1, "a [m]": 2}}, ValueError, r"parameters names \['a'\] twice"),
+        ({"parameters": [1.0]}, TypeError, "parameters must map names to values"),
+        ({"parameters": {"a": "much"}}, ValueError, "needs a finite value"),
+        ({"parameters": {"a": (2.0, 0.0, 1.0)}}, ValueError, "does not lie between its bounds"),
+        ({"output": [1]}, ValueError, r"names the states \[1\]"),
+        ({"output": [0.5]}, TypeError, "indices of states or a function"),
+        ({"output": [0, 0]}, ValueError, r"outputs names \['h'\] twice"),
+        ({"output": tank}, ValueError, "name what it returns"),
+        ({"outputs": ["a"], "output": [0, 0]}, ValueError, "measures 2 states, outputs names 1"),
+        ({"substeps": 0}, ValueError, "at least 1"),
+        ({"hold": "cubic"}, ValueError, "choose one of 'zero', 'linear'"),
+    ],
+)
+def test_wrong_arguments_are_named(change, error, message):
+    with pytest.raises(error, match=message):
+        ODESimulator(tank, **TANK | change)
+
+
+def test_wrong_data_are_named():
+    sim = ODESimulator(tank, **TANK)
+    with pytest.raises(ValueError, match="X has 2 columns, the simulator has 1 inputs"):
+        sim.simulate(np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"x0 has shape \(2,\)"):
+        sim.simulate(np.zeros(3), x0=[0.0, 1.0])
+    with pytest.raises(ValueError, match=r"Unknown parameters \['c'\]"):
+        sim.with_parameters({"c": 1.0})
+    with pytest.raises(TypeError, match="function must be callable"):
+        ODESimulator("tank", **TANK)
+
+
+# -- as an object ------------------------------------------------------------------------------------------
+
+
+def test_copies_run_alike_and_parameters_change_only_the_copy():
+    sim, u = ODESimulator(stage, **STAGE), np.ones(20)
+    y = sim.simulate(u)
+    for twin in (copy.deepcopy(sim), pickle.loads(pickle.dumps(sim))):
+        np.testing.assert_array_equal(twin.simulate(u), y)
+    stiffer = sim.with_parameters({"stiffness": 24.0})
+    assert stiffer.simulate(u)[-1, 0] < y[-1, 0]
+    np.testing.assert_array_equal(sim.simulate(u), y)
+
+
+def test_functions_of_a_session_go_to_workers_and_are_compiled_once():
+    scale = 2.0
+    sim = ODESimulator(lambda x, u, p: (scale * u[0] - p[1] * x[0],), **TANK)
+    sent = pickle.loads(dumps(sim))  # as joblib's process workers do it
+    np.testing.assert_array_equal(sent.simulate(np.ones(10)), sim.simulate(np.ones(10)))
+    assert sent.function is not sim.function
+    assert sent._equations()[0] is sim._equations()[0]
+
+
+def test_functions_of_one_code_with_other_constants_are_not_confused():
+    def scaled(by):
+        return ODESimulator(lambda x, u, p: (by * u[0],), **TANK)
+
+    ends = [scaled(by).simulate(np.ones(2))[-1, 0] for by in (1.0, 3.0, 1.0)]
+    np.testing.assert_allclose(ends, [0.1, 0.3, 0.1])
+
+
+def test_representation_names_signals_and_parameters():
+    text = repr(ODESimulator(stage, **STAGE))
+    assert "ODESimulator of stage, dt=0.05 s" in text
+    assert "stiffness=12 1/s^2" in text

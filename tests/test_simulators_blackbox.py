@@ -1,0 +1,183 @@
+"""Simulators that cannot be stepped: a trace, a program; and their NARX twins."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+
+from narx_sklearn import NARXRegressor
+from narx_sklearn.discrepancy import CallableSimulator, TraceSimulator
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
+
+
+def bias(signal, second, dt, theta, first):
+    return signal + theta[0]
+
+
+def push(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0]
+
+
+OFFSET = Effect(
+    code="offset",
+    title="Offset",
+    sentence="A constant is added.",
+    equation="b",
+    parameters=(EffectParameter("b", "{port}"),),
+    starts=no_start,
+    force=push,
+    transform=bias,
+)
+
+
+def lag(u, parameters):
+    a = parameters["pole"]
+    return lfilter([0, parameters["gain"] * (1 - a)], [1, -a], u[:, 0])
+
+
+PROGRAM = CallableSimulator(
+    lag, 0.1, {"gain [m/V]": 2.0, "pole": (0.8, 0.0, 1.0)}, ["drive [V]"], ["level [m]"]
+)
+
+
+def excitation(n=300, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, n)
+
+
+def cubic_record(n=400):
+    u = excitation(n)
+    y = np.zeros(n)
+    for k in range(2, n):
+        y[k] = 1.2 * y[k - 1] - 0.5 * y[k - 2] + 0.3 * u[k - 1] - 0.1 * y[k - 1] ** 3
+    return u, y
+
+
+# -- a trace -------------------------------------------------------------------------------------------------
+
+
+def test_twin_of_a_polynomial_trace_is_exact_and_the_run_is_the_trace():
+    u, y = cubic_record()
+    sim = TraceSimulator(y, u, dt=0.1)
+    assert sim.twin_error_ < 1e-8
+    found = {p.name: p.value for p in sim.parameters}
+    expected = {"y[k-1]": 1.2, "y[k-2]": -0.5, "u[k-1]": 0.3, "y[k-1]^3": -0.1}
+    assert {name: found[name] for name in expected} == pytest.approx(expected, abs=1e-6)
+    np.testing.assert_allclose(sim.simulate(u)[:, 0], y, atol=1e-12)
+
+
+def test_trace_waits_for_its_inputs():
+    u, y = cubic_record()
+    sim = TraceSimulator(y, dt=0.1)
+    assert "without inputs" in repr(sim)
+    with pytest.raises(ValueError, match="call identified"):
+        sim.known_states(u[:, None], y[:, None], np.array([5]))
+    ready = sim.identified(u)
+    assert ready.identified(u) is ready
+    np.testing.assert_allclose(ready.simulate(u)[:, 0], y, atol=1e-12)
+
+
+def test_what_the_twin_misses_is_told_and_added_back():
+    u = excitation(600)
+    y = np.sign(np.convolve(u, np.ones(5))[:600])  # a relay: no polynomial of few lags
+    with pytest.warns(NarxWarning, match=r"misses held-out simulated output by \d+"):
+        sim = TraceSimulator(y, u, dt=0.1, regressor=NARXRegressor(2, 2, degree=1))
+    assert sim.twin_error_ > 0.05
+    np.testing.assert_allclose(sim.simulate(u)[:, 0], y, atol=1e-12)
+
+
+def test_labels_units_and_sessions_of_a_trace_are_kept():
+    u, y = cubic_record()
+    frame = pd.DataFrame({"drive [V]": np.tile(u, 2)})
+    series = pd.Series(np.tile(y, 2), name="level [m]")
+    sessions = np.repeat([0, 1], 400)
+    sim = TraceSimulator(series, frame, dt=0.1, sessions=sessions)
+    assert [str(s) for s in sim.inputs + sim.outputs] == ["drive [V]", "level [m]"]
+    out = sim.simulate(frame, sessions=sessions)
+    np.testing.assert_allclose(out["level [m]"], series, atol=1e-12)
+
+
+def test_trace_goes_on_from_any_window():
+    u, y = cubic_record()
+    sim = TraceSimulator(y, u, dt=0.1)
+    first = np.array([0, 150])
+    windows = Windows(first, np.array([150, 400]), np.array([True, False]), np.zeros(2, dtype=np.int64))
+    x0 = sim.known_states(u[:, None], y[:, None], first)
+    np.testing.assert_allclose(sim.run(u[:, None], windows, x0).y[:, 0], y, atol=1e-9)
+    again = pickle.loads(pickle.dumps(sim))
+    np.testing.assert_allclose(again.simulate(u)[:, 0], y, atol=1e-12)
+
+
+def test_misaligned_and_short_traces_are_refused():
+    with pytest.raises(ValueError, match="y_sim has 3 samples, u has 5"):
+        TraceSimulator(np.zeros(3), np.zeros(5), dt=0.1)
+    with pytest.raises(ValueError, match="at least 40 are needed"):
+        TraceSimulator(np.zeros(9), np.zeros(9), dt=0.1)
+    with pytest.raises(ValueError, match="No NARX model could be identified"):
+        TraceSimulator(np.full(100, np.nan), excitation(100), dt=0.1)
+
+
+# -- a program -----------------------------------------------------------------------------------------------
+
+
+def test_program_is_called_with_its_parameters():
+    u = excitation()
+    np.testing.assert_array_equal(PROGRAM.simulate(u)[:, 0], lag(u[:, None], {"gain": 2.0, "pole": 0.8}))
+    other = PROGRAM.with_parameters({"gain": 3.0})
+    np.testing.assert_allclose(other.simulate(u), 1.5 * PROGRAM.simulate(u))
+
+
+def test_effects_at_inputs_and_outputs_go_through_the_program():
+    u = excitation()
+    at_input = PlacedEffect(OFFSET, Port("input", 0), theta=(0.5,))
+    at_output = PlacedEffect(OFFSET, Port("output", 0), theta=(7.0,))
+    for sim in (PROGRAM, PROGRAM.identified(u)):
+        np.testing.assert_allclose(
+            sim.with_effects([at_input]).simulate(u), PROGRAM.simulate(u + 0.5), atol=1e-12
+        )
+        np.testing.assert_allclose(
+            sim.with_effects([at_output]).simulate(u), PROGRAM.simulate(u) + 7.0, atol=1e-12
+        )
+
+
+def test_effects_at_states_go_through_the_twin():
+    u = excitation()
+    effect = PlacedEffect(OFFSET, Port("state", 0), weights=(1.0,), theta=(0.1,))
+    with pytest.raises(ValueError, match="call identified"):
+        PROGRAM.with_effects([effect]).simulate(u)
+    sim = PROGRAM.identified(u)
+    pushed = sim.with_effects([effect]).simulate(u) - sim.simulate(u)
+    np.testing.assert_allclose(pushed[:, 0], 0.1 * (1 - 0.8 ** np.arange(300)) / 0.2, atol=1e-6)
+
+
+def test_parameters_move_the_program_in_runs_from_any_state():
+    u = excitation()[:, None]
+    sim = PROGRAM.identified(u)
+    y = lag(u, {"gain": 2.0, "pole": 0.8})[:, None]
+    first = np.array([0, 100])
+    windows = Windows(first, np.array([100, 300]), np.array([True, False]), np.zeros(2, dtype=np.int64))
+    x0 = sim.known_states(u, y, first)
+    np.testing.assert_allclose(sim.run(u, windows, x0).y, y, atol=1e-9)
+    moved = sim.run(u, windows, x0, np.array([2.2, 0.8])).y
+    np.testing.assert_allclose(moved, 1.1 * y, atol=1e-9)
+
+
+def test_wrong_programs_are_named():
+    about = (0.1, {"gain": 1.0}, ["u"], ["y"])
+    with pytest.raises(RuntimeError, match="raised KeyError: 'mass'"):
+        CallableSimulator(lambda u, parameters: parameters["mass"], *about).simulate(np.ones(5))
+    with pytest.raises(ValueError, match=r"returned shape \(4,\); wanted is \(5, 1\)"):
+        CallableSimulator(lambda u, parameters: np.ones(4), *about).simulate(np.ones(5))
+    with pytest.raises(TypeError, match="simulate must be callable"):
+        CallableSimulator(None, *about)
+    with pytest.raises(TypeError, match="parameters must map"):
+        CallableSimulator(lag, 0.1, [1.0], ["u"], ["y"])
+
+
+def test_representation_names_the_program_and_its_parameters():
+    assert "CallableSimulator of lag, dt=0.1 s" in repr(PROGRAM)
+    assert "gain=2 m/V" in repr(PROGRAM)

@@ -1,0 +1,193 @@
+"""Mistakes in records: each is found and said, and none is seen where there is none."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from narx_sklearn.discrepancy import NARXSimulator, ODESimulator, check_record
+from narx_sklearn.model import NARXModel
+
+N = 1200
+NAMES = {"states": ["q [m]", "v [m/s]"], "inputs": ["f [N]"]}
+PARAMETERS = {"b": 1.0, "c": 1.5, "k": 12.0}
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def rough_stage(x, u, p):
+    friction = p[3] * np.tanh(x[1] / 0.01)
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[4] * x[0] ** 3 - friction
+
+
+def nominal(dt=0.05):
+    return ODESimulator(stage, dt=dt, parameters=PARAMETERS, **NAMES)
+
+
+def record(seed=0, n=N, noise=0.03, scale=(1.2, 0.8, 1.25)):
+    """Return a clean record of a stage whose parameters are not the nominal ones."""
+    rng = np.random.default_rng(seed)
+    u = lfilter([0.3], [1, -0.7], rng.normal(size=n))[:, None] * 3
+    values = dict(zip(PARAMETERS, np.array([1.0, 1.5, 12.0]) * scale, strict=True))
+    y = nominal().with_parameters(values).simulate(u)
+    return u, y + noise * y.std() * rng.normal(size=y.shape)
+
+
+def codes(*record, simulator=None):
+    return [finding.code for finding in check_record(simulator or nominal(), *record)]
+
+
+# -- nothing to find -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nothing_is_found_in_clean_records_with_wrong_parameters(seed):
+    rng = np.random.default_rng([seed, 1])
+    scale = rng.uniform(0.7, 1.3, 3)
+    assert codes(*record(seed, n=600, noise=rng.choice([0.01, 0.05, 0.05, 0.2]), scale=scale)) == []
+
+
+@pytest.mark.parametrize(("friction", "cubic"), [(0.3, 0.0), (0.8, 0.0), (0.0, 200.0), (0.4, 100.0)])
+def test_missing_physics_is_no_mistake_in_the_data(friction, cubic):
+    u, _ = record()
+    parameters = {"b": 1.2, "c": 1.2, "k": 15.0, "friction": friction, "cubic": cubic}
+    y = ODESimulator(rough_stage, dt=0.05, parameters=parameters, substeps=20, **NAMES).simulate(u)
+    assert codes(u, y) == []
+
+
+def test_quantised_outputs_and_rest_are_no_mistake():
+    u, y = record(noise=0.0)
+    u[:100], u[-100:] = 0.0, 0.0
+    y = nominal().simulate(u)
+    step = y.std() / 20
+    assert codes(u, np.round(y / step) * step) == []
+
+
+# -- one mistake each ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
+def test_wrong_sampling_period_is_found(factor):
+    u, y = record(n=6000 if factor > 1 else N)
+    (found,) = check_record(nominal(dt=0.05 / factor), u, y)
+    assert found.code == "time_scale"
+    assert found.evidence["factor"] == factor
+    assert "as if dt were 0.05 s" in found.sentence
+
+
+def test_swapped_columns_are_found():
+    u, y = record()
+    (found,) = check_record(nominal(), y, u)
+    assert found.code == "swapped"
+    assert found.sentence.startswith("Input 0 (f [N]) and output 0 (q [m]) seem to be swapped.")
+
+
+def test_reversed_sign_is_found():
+    u, y = record()
+    (found,) = check_record(nominal(), u, -y)
+    assert (found.code, found.evidence["output"]) == ("sign", 0)
+
+
+@pytest.mark.parametrize("samples", [-4, 3, 20])
+def test_shifted_column_is_found_to_the_sample(samples):
+    u, y = record()
+    (found,) = check_record(nominal(), u, np.roll(y, samples, axis=0))
+    assert found.code == "delayed"
+    assert abs(found.evidence["samples"] - samples) <= 1
+    assert ("too late" if samples > 0 else "too early") in found.sentence
+
+
+def test_the_input_that_is_shifted_or_reversed_is_named():
+    def mixer(x, u, p):
+        return (p[0] * u[0] + p[1] * u[1] - p[2] * x[0],)
+
+    about = {"dt": 0.1, "states": ["h"], "inputs": ["hot", "cold"]}
+    sim = ODESimulator(mixer, parameters={"a": 1.0, "b": 0.8, "c": 1.0}, **about)
+    u = lfilter([0.5], [1, -0.5], np.random.default_rng(0).normal(size=(N, 2)), axis=0)
+    y = sim.with_parameters([1.2, 0.7, 1.1]).simulate(u)
+    (found,) = check_record(sim, np.column_stack([u[:, 0], -u[:, 1]]), y)
+    assert (found.code, found.evidence["input"]) == ("sign", 1)
+    (found,) = check_record(sim, np.column_stack([np.roll(u[:, 0], 6), u[:, 1]]), y)
+    assert (found.code, found.evidence["input"]) == ("delayed", 0)
+    assert found.evidence["samples"] == -6
+    assert "Input 0 (hot) comes 6 samples (0.6 s) too late" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e3, "m and mm"), (1e-3, "m and mm"), (180 / np.pi, "radians and degrees")]
+)
+def test_other_units_are_found_and_named(factor, words):
+    u, y = record(scale=(1.1, 0.9, 1.05))
+    (found,) = check_record(nominal(), u, factor * y)
+    assert found.code == "units"
+    assert 0.6 < found.evidence["slope"] / factor < 1.6
+    assert words in found.sentence
+
+
+def test_other_zero_is_found():
+    u, y = record()
+    (found,) = check_record(nominal(), u, y + 273.15)
+    assert found.code == "units"
+    assert abs(found.evidence["offset"] - 273.15) < y.std()
+
+
+def test_two_mistakes_are_both_found():
+    u, y = record()
+    assert codes(u, -1000 * y) == ["sign", "units"]
+
+
+def test_short_records_are_told_with_the_length_that_is_wanted():
+    u, y = record()
+    (found,) = check_record(nominal(), u[:30], y[:30])
+    assert found.code == "short_record"
+    assert found.evidence["wanted"] >= 60
+    assert "30 samples (1.5 s)" in found.sentence
+
+
+def test_constant_input_is_told():
+    u, y = record()
+    assert codes(np.full_like(u, 2.0), y) == ["constant_input"]
+
+
+def test_duplicated_samples_are_counted():
+    u, y = record()
+    rows = np.sort(np.concatenate([np.arange(N), np.arange(100, 700, 30)]))
+    found = {f.code: f for f in check_record(nominal(), u[rows], y[rows])}
+    assert found["duplicated_samples"].evidence["repeated"] == 20
+
+
+def test_clipped_samples_are_counted():
+    u, y = record()
+    limit = 1.5 * y.std()
+    (found,) = check_record(nominal(), u, np.minimum(y, limit))
+    assert (found.code, found.evidence["count"]) == ("clipped_output", int((y > limit).sum()))
+    assert "largest" in found.sentence
+
+
+# -- other simulators, other shapes --------------------------------------------------------------------------
+
+
+def test_narx_models_are_checked_too():
+    sim = NARXSimulator(NARXModel.from_equations("1.5*y[k-1] - 0.7*y[k-2] + 0.2*u[k-1]"), dt=0.1)
+    u = np.random.default_rng(0).normal(size=(N, 1))
+    y = sim.simulate(u)
+    y += 0.02 * y.std() * np.random.default_rng(1).normal(size=y.shape)
+    assert codes(u, y, simulator=sim) == []
+    assert codes(u, -y, simulator=sim) == ["sign"]
+    assert codes(u, 1000 * y, simulator=sim) == ["units"]
+
+
+def test_sessions_and_gaps_are_kept_apart():
+    u, y = record()
+    u[500:510] = np.nan
+    y[500:510] = np.nan
+    sessions = np.repeat([0, 1], N // 2)
+    assert codes(u, y, sessions) == []
+    assert codes(u, -y, sessions) == ["sign"]
+
+
+def test_data_that_do_not_fit_are_refused():
+    u, y = record()
+    with pytest.raises(ValueError, match="y has 2 columns, the simulator has 1"):
+        check_record(nominal(), u, np.column_stack([y, y]))
