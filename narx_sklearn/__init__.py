@@ -24,6 +24,8 @@ _HOMES = {
     "PhiTransformer": "identification",
     "TermTransformer": "identification",
     "ErrSelector": "identification",
+    "render_report": "report",
+    "write_report": "report",
     "free_run": "model",
     "residual_tests": "analysis",
 }

@@ -68,7 +68,7 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
     raw = np.einsum("wtk,wtk->k", columns, columns)
     columns = out_of(fit.jacobian, fit.projector(columns))
     residual = out_of(fit.jacobian, fit.residual[:, :, None])[:, :, 0]
-    flat = columns.reshape(-1, columns.shape[2])
+    flat = columns.reshape(n_w * n_t, columns.shape[2])
     gram = flat.T @ flat
     useful = np.diag(gram) > INVISIBLE * np.maximum(raw, 1e-300)
     return Bank(hypotheses, owner, start, columns, residual, gram, flat.T @ residual.ravel(), useful)

@@ -11,6 +11,7 @@ DRAWS = 4999
 BLOCK = 20  # whitened samples flipped together: what colour the autoregression leaves stays inside
 FEWEST_BLOCKS = 60
 NEIGHBOURS = 101  # ordinates of the periodogram that tell the level around a line
+SLOW = 8  # periods in the record, below which a line and a drift are one
 A_LINE = 12.0  # times its neighbours' level: a line of the input
 WIDER = 2.0  # price of the line test beside the test over the bank
 
@@ -21,7 +22,9 @@ class Detection(NamedTuple):
     statistic: np.ndarray  # (n_columns,) |t|, zero where a column says nothing
     p_value: float  # of the largest
     p_values: np.ndarray  # (n_columns,) adjusted for the maximum over the bank
-    line_frequency: float  # cycles a sample of the strongest line in the residual; 0 when none stands out
+    p_bank: float  # of the bank alone
+    p_line: float  # of the strongest line in the residual that the input has not
+    line_frequency: float  # of that line, cycles a sample
 
 
 def blocks_of(values: np.ndarray, n_outputs: int, length: int) -> np.ndarray:
@@ -75,7 +78,7 @@ def detect(
     use = bank.useful & allowed
     t = np.zeros(bank.n_columns)
     if not use.any():
-        return Detection(t, p_line, np.ones(bank.n_columns), frequency)
+        return Detection(t, p_line, np.ones(bank.n_columns), 1.0, p_line, frequency)
     length = block_length(*_times(bank, n_outputs))
     products = blocks_of(bank.columns[:, :, use] * noise[:, :, None], n_outputs, length)
     products = products[np.any(products != 0, axis=1)]
@@ -93,7 +96,8 @@ def detect(
     largest.sort()
     above = draws - np.searchsorted(largest, t * (1 - 1e-9), side="left")
     p = np.where(use, (1.0 + above) / (1.0 + draws), 1.0)
-    return Detection(t, float(min(p.min(), p_line)), p, frequency)
+    p_bank = float(p.min())
+    return Detection(t, min(p_bank, p_line), p, p_bank, p_line, frequency)
 
 
 def _times(bank: Bank, n_outputs: int) -> tuple[int, int]:
@@ -116,6 +120,7 @@ def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = 
         driving = np.abs(np.fft.rfft(u[:, :, i].ravel(), n))[1 : (n - 1) // 2 + 1] ** 2
         near = maximum_filter1d(_over_neighbours(driving), 5)
         ratio = np.where(near > A_LINE, 0.0, ratio)
+    ratio[:SLOW] = 0.0
     i = int(np.argmax(ratio))
     p = -np.expm1(power.size * np.log1p(-np.exp(-min(ratio[i], 700.0))))
     return float((i + 1) / n), float(min(1.0, WIDER * max(p, 1e-16)))
@@ -123,5 +128,5 @@ def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = 
 
 def _over_neighbours(power: np.ndarray) -> np.ndarray:
     """Return the ordinates of a periodogram over their local level (their mean, told from the median)."""
-    level = median_filter(power, size=NEIGHBOURS, mode="nearest") / np.log(2)
+    level = median_filter(power, size=NEIGHBOURS, mode="reflect") / np.log(2)
     return power / np.maximum(level, 1e-300)

@@ -12,10 +12,11 @@ from narx_sklearn.discrepancy.explain import (
     Candidate,
     Step,
     gains,
+    likeliest,
     look_alikes,
+    probe,
     refit_leaders,
     search,
-    test,
 )
 from narx_sklearn.discrepancy.generic import CODE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
@@ -28,7 +29,9 @@ from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
 
-UNEXPLAINED = 0.15  # share of what could be explained that a named set may leave to an unnamed curve
+UNEXPLAINED = 0.15  # share of what could be explained that one named effect may leave to anything else
+UNEXPLAINED_BY_TWO = 0.05  # two effects together bend to almost anything, so they must leave less
+SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     known = simulator.known_states(u, y, whole.first)
     x = simulator.run(u, whole, np.where(np.isfinite(known), known, 0.0)).x
     inside = np.isfinite(x).all(axis=1)
+    if not inside.any():
+        raise ValueError(
+            "The simulation left the finite range at its first sample; check its parameters, units and dt."
+        )
     structure = find_structure(simulator, x[inside], u[inside])
     pace = find_pace(simulator, x[inside], u[inside])
     n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
@@ -139,7 +146,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             pace.time_constant,
         )
     settings.tell("rivals and unnamed curves")
-    best = _converged(problem, pool[0])
+    best = _converged(problem, likeliest(pool))
     alternatives = _alternatives(problem, best, pool)
     unnamed = _unnamed(problem, refitted, structure, settings)
     leftover = _leftover(problem, best, structure, settings)
@@ -179,7 +186,7 @@ def _converged(problem: Problem, candidate: Candidate) -> Candidate:
 def _alternatives(
     problem: Problem, best: Candidate, pool: list[Candidate]
 ) -> tuple[tuple[Candidate, ...], ...]:
-    """Return for each effect of the set the candidates in which another stands in its place, not clearly worse."""
+    """Return, for each effect of the set, what could stand in its place without being clearly worse."""
     singles = [c.effects[0] for c in pool if len(c.effects) == 1]
     found = []
     for i, effect in enumerate(best.effects):
@@ -222,7 +229,7 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code == CODE for h in bank.owner])
     gain = gains(bank).gain
-    detection = test(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
+    detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
     curve_gain = 0.0
     for h in set(bank.owner[is_curve]):
         columns = np.flatnonzero(bank.owner == h)
@@ -237,10 +244,12 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
     taken_off = refitted.cost - best.fit.cost
     p_left, could_take = leftover
     rest = could_take - 10 * best.fit.cost / best.n_samples  # what a curve takes off pure noise
-    if p_left <= alpha and rest > UNEXPLAINED * (taken_off + rest):
+    several = len(best.effects) > 1
+    share = UNEXPLAINED_BY_TWO if several else UNEXPLAINED
+    if p_left <= (SUSPECT if several else alpha) and rest > share * (taken_off + rest):
         return "unknown"
     if unnamed is not None and unnamed.criterion < best.criterion:
         more = best.fit.cost - unnamed.fit.cost
-        if more > UNEXPLAINED * (refitted.cost - unnamed.fit.cost):
+        if more > share * (refitted.cost - unnamed.fit.cost):
             return "unknown"
     return "ambiguous" if any(alternatives) else "explained"

@@ -213,9 +213,8 @@ def confusability(
             if best is None or length > best[0]:
                 best = (length, column)
         if best is not None and best[0] > 0:
-            names.append(
-                f"{hypothesis.placed.effect.code} at {hypothesis.placed.port} ({hypothesis.placed.argument_name})"
-            )
+            placed = hypothesis.placed
+            names.append(f"{placed.effect.code} at {placed.port} ({placed.argument_name})")
             columns.append(best)
     unit = np.array([column / length for length, column in columns])
     cosine = np.clip(np.abs(unit @ unit.T), 0, 1) if len(unit) else np.zeros((0, 0))

@@ -1,6 +1,7 @@
 """Which physics is missing: order the bank, refit the leaders, add one effect after another."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -8,17 +9,19 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.detect import Detection, block_length, blocks_of, detect
+from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 
-ROUGH = 3  # iterations of a leader's first refit
+ROUGH = 5  # iterations of a leader's first refit
 FINE = 20  # iterations that bring a leader to convergence
-FINALISTS = 5  # leaders taken to convergence
+FINALISTS = 6  # leaders taken to convergence
 BEAM = 2  # sets of effects carried to the next depth
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
-DEARER = 6.0  # difference of the criterion by which more parameters must not fail to pay
+DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
+LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 
 
@@ -43,8 +46,18 @@ class Candidate:
 
     @property
     def n_parameters(self) -> int:
-        """Number of global parameters."""
-        return self.fit.model.q.size
+        """Number of global parameters that the data can feel.
+
+        One that changes nothing, or lies at its bound, was not fitted and has no price.
+        """
+        model, J = self.fit.model, self.fit.jacobian
+        q = model.q
+        size = np.sqrt(np.einsum("wtk,wtk->k", J, J)) * np.abs(q)
+        felt = size > 1.0
+        felt[: model.p.size] = True
+        for place, bounds in zip(_places(model), [e.bounds for e in model.effects], strict=True):
+            felt[place] &= (q[place] > bounds[:, 0]) & (q[place] < bounds[:, 1])
+        return int(felt.sum())
 
     @property
     def criterion(self) -> float:
@@ -56,6 +69,12 @@ class Candidate:
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         return n * np.log(max(self.fit.cost, 1e-300) / n) + price
+
+
+def _places(model) -> list[slice]:
+    """Return where the parameters of each effect stand among the global ones."""
+    edges = np.cumsum([model.p.size, *(e.n_theta for e in model.effects)])
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 class Step(NamedTuple):
@@ -88,13 +107,16 @@ def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
     return lower <= value <= upper and value != 0
 
 
-def leaders(bank: Bank, n: int) -> list[PlacedEffect]:
+def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
     """Return the hypotheses with the largest gains, one start each, scaled to their best strength."""
     gain, strength = gains(bank)
     best: dict[int, int] = {}
     for j in np.argsort(-gain, kind="stable"):
         if gain[j] <= 0:
             break
+        of_a_line = bank.placed(j).effect.code in LINES
+        if (detection.p_line if of_a_line else detection.p_bank) > alpha:
+            continue  # the test that speaks for this kind of effect was silent
         best.setdefault(int(bank.owner[j]), int(j))
     found = []
     for h, j in list(best.items())[:n]:
@@ -152,12 +174,16 @@ def search(
             taken = {effect.place for effect in candidate.effects}
             hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
-            detection = test(problem, candidate.fit, bank, random_state)
+            detection = probe(problem, candidate.fit, bank, random_state)
+            if rank == 0 and detection.p_value <= alpha:
+                detection = cautious(problem, candidate.fit, hypotheses, detection, random_state, n_jobs)
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
                 if detection.p_value > alpha or len(candidate.effects) >= max_effects:
                     return steps
-            found = refit_leaders(problem, candidate.fit, leaders(bank, n_leaders), n_jobs=n_jobs)
+            found = refit_leaders(
+                problem, candidate.fit, leaders(bank, n_leaders, detection, alpha), n_jobs=n_jobs
+            )
             pool += [c for c in found if c.criterion < candidate.criterion]
         pool.sort(key=lambda c: c.criterion)
         if pool and pool[0].effects[:-1]:
@@ -169,7 +195,23 @@ def search(
     return steps
 
 
-def test(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
+def cautious(
+    problem: Problem, base: Fit, hypotheses, detection: Detection, random_state=None, n_jobs=None
+) -> Detection:
+    """Test again with all that is left taken for noise of its own colour.
+
+    The noise was estimated after the bank's best columns were taken out, which is right for ordering and
+    weighing effects. But slow noise (a drift) looks like slow effects, and they took it out with them. What
+    is real still stands out when its own trace counts as noise.
+    """
+    run = problem.run(base.model)
+    own = problem.with_noise(estimate_noise(problem.raw(problem.y - run.y), problem.seen))
+    refitted = fit(own, base.model, iterations=4)
+    found = probe(own, refitted, make_bank(own, refitted, hypotheses, n_jobs), random_state)
+    return found if found.p_value > detection.p_value else detection
+
+
+def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
     """Test a bank whose columns act in their physical sense (or those ``allowed``)."""
     blind = np.array(
         [
@@ -208,6 +250,26 @@ def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     return found
 
 
+def likeliest(candidates: list[Candidate]) -> Candidate:
+    """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
+
+    Natural is an effect made for the unit of its argument (gravity for an angle), then fewer parameters.
+    """
+    best = min(candidates, key=lambda c: c.criterion)
+    alike = [
+        c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
+    ]
+    return min(alike, key=lambda c: (_strangeness(c), c.fit.model.q.size, c.criterion))
+
+
+def _strangeness(candidate: Candidate) -> int:
+    last = candidate.effects[-1]
+    at_home = bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
+    # lost motion is met at inputs, drift at sensors
+    odd = last.effect.code in ("backlash", "additive_drift") and last.port.kind == "state"
+    return odd - at_home
+
+
 def look_alikes(
     best: Candidate, others: list[Candidate], n_outputs: int, level: float = CLEARLY
 ) -> list[Candidate]:
@@ -222,8 +284,10 @@ def look_alikes(
     length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
     for other in others:
         behind = other.criterion - best.criterion
-        if behind > CERTAIN or (behind > DEARER and other.n_parameters > best.n_parameters):
-            continue
+        extra = other.fit.model.q.size - best.fit.model.q.size
+        saved = (best.fit.cost - other.fit.cost) * best.n_samples / best.fit.cost
+        if behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
+            continue  # one that holds the best as a special case must earn its further parameters
         change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
         products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
         score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))

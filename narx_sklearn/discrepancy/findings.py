@@ -1,5 +1,7 @@
 """From fitted effects to findings in words and units."""
 
+import numpy as np
+
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.generic import CODE
 from narx_sklearn.discrepancy.inference import intervals
@@ -39,6 +41,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
                 lookalikes=tuple(dict.fromkeys(code for c in rivals for code in _rival_codes(c, best))),
                 rivals=tuple(_rival_name(c, best) for c in rivals),
                 p_value=diagnosis.p_missing,
+                confidence=_confidence(diagnosis, best, i),
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
                 evidence={
@@ -54,6 +57,21 @@ def _criterion_gain(diagnosis: Diagnosis, best) -> float:
     from narx_sklearn.discrepancy.explain import Candidate
 
     return Candidate(diagnosis.refitted, best.n_samples).criterion - best.criterion
+
+
+def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
+    """Return the weight of this effect among all that were tried in its place, from the criterion."""
+    place = best.effects[i].place
+    kept = {e.place for e in best.effects if e.place != place}
+    weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
+    pool = [c for step in diagnosis.steps for c in step.candidates]
+    for candidate in [*pool, *(c for rivals in diagnosis.alternatives for c in rivals)]:
+        others = [e for e in candidate.effects if e.place not in kept]
+        if len(candidate.effects) == len(best.effects) and len(others) == 1 and others[0].place != place:
+            worse = max(candidate.criterion - best.criterion, 0.0)
+            code = others[0].effect.code
+            weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
+    return (1.0 - diagnosis.p_missing) / sum(weights.values())
 
 
 def _rival_codes(candidate, best) -> list[str]:

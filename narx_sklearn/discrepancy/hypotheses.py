@@ -1,6 +1,7 @@
 """Every effect at every place where it could act: the bank of hypotheses."""
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,6 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
-
 
 READ_OFF = {"quantisation", "stuck_sensor", "sensor_clip"}
 LEVELS_ONLY = {"overflow", "root_outflow"}  # effects of levels: no velocity overflows
@@ -151,14 +151,12 @@ def _arguments(kind: str, i: int, simulator: Simulator, structure: Structure):
         # motion relative to a neighbour that this equation feels in the opposite sense
         if j == own or structure.kinematic[j] != structure.kinematic[own]:
             continue
-        if (
-            structure.states[i, j]
-            and structure.states[i, own]
-            and structure.sign[i, j] == -structure.sign[i, own]
-        ):
-            if simulator.states[j].unit == simulator.states[own].unit and not simulator.discrete:
-                name = f"{simulator.states[own].name} - {simulator.states[j].name}"
-                yield _weights(n, {own: 1.0, j: -1.0}), name, simulator.states[own].unit
+        felt = structure.states[i, j] and structure.states[i, own]
+        opposed = felt and structure.sign[i, j] == -structure.sign[i, own]
+        of_a_kind = simulator.states[j].unit == simulator.states[own].unit and not simulator.discrete
+        if opposed and of_a_kind:
+            name = f"{simulator.states[own].name} - {simulator.states[j].name}"
+            yield _weights(n, {own: 1.0, j: -1.0}), name, simulator.states[own].unit
 
 
 def _weights(n: int, entries: dict) -> tuple[float, ...]:
@@ -178,7 +176,7 @@ class _Material:
         x = run.x[order]
         rates = np.empty_like(x)
         edges = [*first.tolist(), len(order)]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             rates[a:b] = np.gradient(x[a:b], simulator.dt, axis=0) if b - a > 1 else 0.0
         self.x, self.rates = x, rates
 

@@ -1,18 +1,28 @@
-"""The colour of what is left over: an autoregressive model of each output's residual."""
+"""The colour of what is left over: a small time-series model of each output's residual."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_toeplitz
+from scipy.optimize import minimize
+from scipy.signal import lfilter
 
 LONGEST = 6
+SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samples
 
 
 class Noise(NamedTuple):
-    """Noise of each output: an autoregression, and the standard deviation of its innovations."""
+    """Noise of each output: autoregression, moving average, and standard deviation of the innovations.
 
-    coefficients: tuple[np.ndarray, ...]  # one array an output: e[k] = r[k] - sum_i a_i r[k-i]
+    .. math:: e_k = r_k - \\sum_i a_i r_{k-i} + b\\, e_{k-1}
+
+    The moving average is there for drift: a random walk under white noise is a unit root with b near 1,
+    which no short autoregression can follow.
+    """
+
+    coefficients: tuple[np.ndarray, ...]  # a, one array an output
     sigma: np.ndarray  # (n_outputs,)
+    average: tuple[float, ...] = ()  # b, one an output; none where empty
 
     @classmethod
     def white(cls, sigma: np.ndarray) -> "Noise":
@@ -21,12 +31,24 @@ class Noise(NamedTuple):
 
     @property
     def order(self) -> int:
-        """Longest memory, samples."""
+        """Longest memory of the autoregression, samples."""
         return max(a.size for a in self.coefficients)
+
+    def innovations(self, windowed: np.ndarray) -> np.ndarray:
+        """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown."""
+        out = windowed / self.sigma
+        for output, a in enumerate(self.coefficients):
+            scaled = windowed[:, :, output] / self.sigma[output]
+            for lag, coefficient in enumerate(a, start=1):
+                out[:, lag:, output] -= coefficient * scaled[:, :-lag]
+            out[:, : a.size, output] = 0.0
+            if self.average and self.average[output]:
+                out[:, :, output] = lfilter([1.0], [1.0, -self.average[output]], out[:, :, output], axis=1)
+        return out
 
 
 def estimate_noise(residual: np.ndarray, seen: np.ndarray, longest: int = LONGEST) -> Noise:
-    """Fit an autoregression to residuals in windows; the order is chosen by BIC.
+    """Fit a noise model to residuals in windows: autoregressions and one with a moving average, by BIC.
 
     Parameters
     ----------
@@ -34,27 +56,59 @@ def estimate_noise(residual: np.ndarray, seen: np.ndarray, longest: int = LONGES
         Zero where not seen.
     seen : ndarray of bool, same shape
     """
-    coefficients, sigmas = [], []
+    coefficients, sigmas, averages = [], [], []
     for output in range(residual.shape[2]):
         r, known = residual[:, :, output], seen[:, :, output]
-        n = int(known.sum())
-        c = np.array(
-            [np.sum(r[:, lag:] * r[:, : r.shape[1] - lag]) for lag in range(min(longest, r.shape[1] - 1) + 1)]
-        )
-        counts = np.array([np.sum(known[:, lag:] & known[:, : r.shape[1] - lag]) for lag in range(c.size)])
-        c = c / np.maximum(counts, 1) * (1 - np.arange(c.size) / max(n, 2))
-        best = (n * np.log(max(c[0], 1e-300)), np.zeros(0), c[0])
-        for order in range(1, c.size):
-            try:
-                a = solve_toeplitz(c[:order], c[1 : order + 1])
-            except LinAlgError:
-                break
-            variance = c[0] - a @ c[1 : order + 1]
-            if not variance > 1e-12 * c[0]:
-                break
-            bic = n * np.log(variance) + order * np.log(max(n, 2))
-            if bic < best[0]:
-                best = (bic, a, variance)
+        best = _autoregression(r, known, longest)
+        drifting = _with_moving_average(r, known)
+        if drifting[0] < best[0]:
+            best = drifting
         coefficients.append(best[1])
-        sigmas.append(np.sqrt(max(best[2], 1e-300)))
-    return Noise(tuple(coefficients), np.array(sigmas))
+        averages.append(best[2])
+        sigmas.append(np.sqrt(max(best[3], 1e-300)))
+    return Noise(tuple(coefficients), np.array(sigmas), tuple(averages))
+
+
+def _autoregression(r: np.ndarray, known: np.ndarray, longest: int):
+    """Return (BIC, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations."""
+    n = int(known.sum())
+    lags = range(min(longest, r.shape[1] - 1) + 1)
+    c = np.array([np.sum(r[:, lag:] * r[:, : r.shape[1] - lag]) for lag in lags])
+    counts = np.array([np.sum(known[:, lag:] & known[:, : r.shape[1] - lag]) for lag in lags])
+    c = c / np.maximum(counts, 1) * (1 - np.arange(c.size) / max(n, 2))
+    best = (n * np.log(max(c[0], 1e-300)), np.zeros(0), 0.0, c[0])
+    for order in range(1, c.size):
+        try:
+            a = solve_toeplitz(c[:order], c[1 : order + 1])
+        except LinAlgError:
+            break
+        variance = c[0] - a @ c[1 : order + 1]
+        if not variance > 1e-12 * c[0]:
+            break
+        bic = n * np.log(variance) + order * np.log(max(n, 2))
+        if bic < best[0]:
+            best = (bic, a, 0.0, variance)
+    return best
+
+
+def _with_moving_average(r: np.ndarray, known: np.ndarray):
+    """Return (BIC, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}, by conditional least squares."""
+    n = int(known[:, 1:].sum())
+    if n < 50 or not np.any(r):
+        return np.inf, np.zeros(1), 0.0, 1.0
+
+    def cost(values) -> float:
+        a, b = values
+        moved = r[:, 1:] - a * r[:, :-1]
+        e = lfilter([1.0], [1.0, -b], moved, axis=1)
+        return float(np.sum(e[known[:, 1:]] ** 2))
+
+    starts = [(1.0, 0.5), (1.0, 0.9), (0.98, 0.7)]
+    found = min(
+        (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, SLOWEST)]) for start in starts),
+        key=lambda result: result.fun,
+    )
+    variance = found.fun / n
+    bic = n * np.log(max(variance, 1e-300)) + 2 * np.log(n)
+    # the autoregression counts all samples; bring this one to the same count
+    return bic * known.sum() / n, np.array([found.x[0]]), float(found.x[1]), variance

@@ -69,7 +69,7 @@ class Problem:
 
     @property
     def weighted(self) -> np.ndarray:
-        """Residuals that count, (W, L, n_outputs): seen, and with the noise's whole memory seen before them."""
+        """Residuals that count, (W, L, n_outputs): seen, as is all that the noise remembers of."""
         counts = self.seen.copy()
         for output, a in enumerate(self.noise.coefficients):
             for lag in range(1, a.size + 1):
@@ -83,11 +83,7 @@ class Problem:
 
     def whiten(self, signal: np.ndarray) -> np.ndarray:
         """Return a signal (n_samples, n_outputs) in windows, whitened and scaled by the noise, (W, T)."""
-        windowed = self.raw(signal)
-        out = windowed / self.noise.sigma
-        for output, a in enumerate(self.noise.coefficients):
-            for lag, coefficient in enumerate(a, start=1):
-                out[:, lag:, output] -= coefficient / self.noise.sigma[output] * windowed[:, :-lag, output]
+        out = self.noise.innovations(self.raw(signal))
         if self.noise.order:
             out[~self.weighted] = 0.0
         return out.reshape(out.shape[0], -1)

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
+from narx_sklearn.discrepancy.simulator import Run, Windows
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
 ITERATIONS = 25
@@ -27,6 +29,15 @@ class Fit(NamedTuple):
     def window_costs(self) -> np.ndarray:
         """Cost of each window, (W,)."""
         return np.einsum("wt,wt->w", self.residual, self.residual)
+
+
+class Attempt(NamedTuple):
+    """A model and what it gives."""
+
+    model: Model
+    run: Run
+    residual: np.ndarray  # (W, T) whitened
+    cost: float
 
 
 def state_scale(problem: Problem, model: Model) -> np.ndarray:
@@ -110,12 +121,14 @@ def fit(
             x0 = model.x0.copy()
             left = residual - np.einsum("wtk,k->wt", J_full, target - q)
             x0[:, chosen] += np.einsum("wkt,wt->wk", projector.inverse, _finite(left))
-            trial = model.with_q(target)._replace(x0=x0)
-            trial_run = problem.run(trial)
-            trial_residual = problem.residual(trial_run)
-            trial_cost = _cost(trial_residual)
-            if trial_cost < cost:
-                model, run, residual, cost = trial, trial_run, trial_residual, trial_cost
+            trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
+            if not trial.cost < cost:
+                # where friction holds, a state's sensitivity says nothing: such windows keep the old one
+                worse = ~(_by_window(trial.residual) <= _by_window(residual))
+                x0 = np.where(worse[:, None], model.x0, x0)
+                trial = _attempt(problem, trial.model._replace(x0=x0))
+            if trial.cost < cost:
+                model, run, residual, cost = trial
                 damping = max(damping / 9, 1e-9)
                 break
             damping = max(damping * 6, 1e-6)
@@ -123,6 +136,35 @@ def fit(
                 break
         converged = previous - cost <= tolerance * previous
     return Fit(model, cost, r, J, projector, steps, converged, done)
+
+
+def fit_free_run(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Model:
+    """Fit a model to the free run over whole stretches of the record, every sample's error counted alike.
+
+    Short windows and whitening are right for finding out what is missing. Where something small stays
+    missing, they leave its slow part to the initial states and to the noise, and a long run drifts; this fit
+    spreads it. The model is returned as it came where the long run leaves the finite range.
+    """
+    windows = problem.windows
+    first = np.flatnonzero(windows.fresh)
+    last = np.append(first[1:], windows.count) - 1
+    whole = Windows(windows.first[first], windows.last[last], windows.fresh[first], windows.began[first])
+    spread = np.nanstd(problem.y, axis=0)
+    noise = Noise.white(np.where(spread > 0, spread, 1.0))
+    start = model._replace(x0=model.x0[first])
+    found = fit(Problem(problem.simulator, problem.u, problem.y, whole, noise), start, iterations=iterations)
+    return found.model if np.isfinite(found.cost) else start
+
+
+def _attempt(problem: Problem, model: Model) -> Attempt:
+    run = problem.run(model)
+    residual = problem.residual(run)
+    return Attempt(model, run, residual, _cost(residual))
+
+
+def _by_window(residual: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.einsum("wt,wt->w", residual, residual)
 
 
 def _cost(residual: np.ndarray) -> float:

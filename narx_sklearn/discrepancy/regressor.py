@@ -16,13 +16,21 @@ from narx_sklearn._validation import (
     session_slices,
     split_unit,
 )
+from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, Settings, diagnose
-from narx_sklearn.discrepancy.findings import make_findings, place_in_words
+from narx_sklearn.discrepancy.experiment import design_experiment
+from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.location import locate
+from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.verify import initial_state, score_table, squared_errors
+from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.physics.effects import CATALOGUE, Effect
+
+MOST_RIVALS = 4  # explanations that one experiment is asked to separate
 
 
 class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
@@ -41,12 +49,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         What may be missing, by code, or effects of your own.
     exclude : list of str, default=()
         Codes left out.
-    alpha : float, default=0.01
+    alpha : float, default=0.005
         Chance of a false alarm allowed where nothing is missing.
     level : float, default=0.9
         Confidence level of all intervals.
-    max_effects : int, default=3
-        Most effects looked for together.
+    max_effects : int, default=2
+        Most effects looked for together; what a pair leaves is better called unknown.
     n_leaders : int, default=16
         Hypotheses refitted at each depth.
     window : int, optional
@@ -116,9 +124,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         *,
         effects="catalogue",
         exclude=(),
-        alpha=0.01,
+        alpha=0.005,
         level=0.9,
-        max_effects=3,
+        max_effects=2,
         n_leaders=16,
         window=None,
         test_fraction=0.2,
@@ -164,7 +172,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         effects = self._chosen_effects()
         u, measured = self._read(X, y)
         fitting, held_out = self._split(u, sessions)
-        spent: dict = {}
+        self._tell("check of the record")
+        simulator = self.simulator.identified(u, sessions=sessions)
+        self.data_findings_ = list(check_record(simulator, u, measured, sessions))
+        steps = measured_steps(measured)
+        self.data_findings_ += steps_as_findings(steps, simulator.outputs)
+        if np.isfinite(steps).any():  # seen in the values themselves, so it need not be looked for
+            effects = tuple(effect for effect in effects if effect.code != "quantisation")
         settings = Settings(
             effects,
             float(self.alpha),
@@ -175,13 +189,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.n_jobs,
             self._tell,
         )
-        diagnosis = diagnose(self.simulator, u, measured, fitting, settings)
+        diagnosis = diagnose(simulator, u, measured, fitting, settings)
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
         if labels is not None and all(isinstance(label, str) for label in labels):
             self.feature_names_in_ = np.array(labels, dtype=object)
+        self._mean_input = np.nanmean(u, axis=0)
         self._store(diagnosis, u, measured, held_out)
-        del spent
         return self
 
     def predict(self, X, y_init=None, sessions=None):
@@ -192,8 +206,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         X : array-like or DataFrame of shape (n_samples, n_inputs)
             Inputs.
         y_init : array-like of shape (n_init,) or (n_init, n_outputs), optional
-            First measured outputs of the (first) session, to which the initial state is fitted. Without them a run starts
-            from rest, all states zero.
+            First measured outputs of the first session, to which its initial state is fitted. Without them a
+            run starts from rest, all states zero.
         sessions : array-like of shape (n_samples,), optional
             One label a sample; every session starts anew.
 
@@ -210,7 +224,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             first = as_signals(y_init, "y_init")
             if first.shape[1] != len(self.simulator_.outputs):
                 raise ValueError(
-                    f"y_init has {first.shape[1]} columns, the simulator has {len(self.simulator_.outputs)} outputs."
+                    f"y_init has {first.shape[1]} columns, the simulator has "
+                    f"{len(self.simulator_.outputs)} outputs."
                 )
             n = min(len(first), windows.last[0] - windows.first[0])
             x0[0] = initial_state(self.simulator_, u[:n], first[:n], n, x0[0])
@@ -244,12 +259,112 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             raise ValueError(f"No session is longer than the {n_init} samples that fix the initial state.")
         return float(np.mean(1 - errors / np.where(spread > 0, spread, np.nan)))
 
+    def next_experiment(self, amplitude, n_samples, between=None, *, offset=0.0, rate=None, column=0):
+        """Design the input that best separates what these data could not tell apart.
+
+        Parameters
+        ----------
+        amplitude : float
+            Largest departure of the input from ``offset``, in its unit.
+        n_samples : int
+            Length of the experiment.
+        between : list of str, optional
+            Codes of the effects to separate; by default the first finding and its look-alikes, or, when it
+            has none, the best three explanations.
+        offset : float, default=0.0
+            Middle of the input.
+        rate : float, optional
+            Largest change of the input in one second.
+        column : int, default=0
+            Which input is moved; the others rest at their mean in the record.
+
+        Returns
+        -------
+        Experiment
+            The input ``u``, what it is in words, and how far it separates the worst pair.
+
+        Raises
+        ------
+        ValueError
+            If fewer than two explanations are at hand.
+        """
+        check_is_fitted(self)
+        rivals = self._rivals(between)
+        held = self._mean_input.copy()
+        return design_experiment(
+            rivals,
+            noise=self._diagnosis.problem.noise,
+            amplitude=amplitude,
+            n_samples=n_samples,
+            offset=offset,
+            rate=rate,
+            column=column,
+            held=held,
+            random_state=self.random_state,
+        )
+
+    def to_narx(self, X, **settings):
+        """Identify a NARX model of the corrected simulation, ready for a compensator.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs that reach what the model is to know.
+        **settings
+            Parameters of :class:`NARXRegressor`; two lags of output and input and the regressors of the
+            effects found by default.
+
+        Returns
+        -------
+        NARXModel
+        """
+        check_is_fitted(self)
+        u = self._inputs(X)
+        y = self.simulator_.run(
+            u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(self.simulator_.states)))
+        ).y
+        order = max(2, len(self.simulator_.states))
+        known = {"output_lags": order, "input_lags": order, "degree": 3} | settings
+        if "phi" not in settings:
+            known["phi"] = effect_regressors(self.simulator_)
+        return NARXRegressor(**known).fit(u, y[:, 0] if y.shape[1] == 1 else y).model_
+
+    def _rivals(self, between) -> dict:
+        """Return rival simulators by name."""
+        base = self._diagnosis.problem.simulator
+        pool = [self._diagnosis.best, *(c for rivals in self._diagnosis.alternatives for c in rivals)]
+        tried = [c for step in self._diagnosis.steps for c in step.candidates]
+        if between is not None:
+            pool = []
+            for code in between:
+                having = [c for c in tried if code in {e.effect.code for e in c.effects}]
+                if not having:
+                    raise ValueError(
+                        f"{code!r} was not among the explanations fitted: "
+                        f"{sorted({e.effect.code for c in tried for e in c.effects})}."
+                    )
+                pool.append(min(having, key=lambda c: c.criterion))
+        elif len(pool) < 2:
+            pool = sorted(tried, key=lambda c: c.criterion)[:3]
+        rivals = {}
+        for candidate in pool[:MOST_RIVALS]:
+            name = " + ".join(f"{e.effect.code} at {e.port}" for e in candidate.effects) or "nothing"
+            model = candidate.fit.model
+            rivals.setdefault(name, base.with_parameters(model.p).with_effects(model.effects))
+        if len(rivals) < 2:
+            raise ValueError(
+                "There is only one explanation, so no experiment is needed to separate it from others. Pass "
+                "between=[...] with two codes, or see confusability() for a design before any data."
+            )
+        return rivals
+
     # -- parts of fit ------------------------------------------------------------------------------------
 
     def _check_settings(self) -> None:
         if not isinstance(self.simulator, Simulator):
             raise TypeError(
-                f"simulator must be a Simulator such as ODESimulator(...), got {type(self.simulator).__name__}. "
+                "simulator must be a Simulator such as ODESimulator(...), got "
+                f"{type(self.simulator).__name__}. "
                 "A plain function f(x, u, p) goes into ODESimulator(f, dt=..., parameters=..., ...)."
             )
         if not 0 < self.alpha < 1:
@@ -283,12 +398,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _read(self, X, y) -> tuple[np.ndarray, np.ndarray]:
         u = self._inputs(X)
         self._one_output = np.ndim(y) == 1
-        measured = as_signals(y, "y")
+        measured = np.require(as_signals(y, "y"), requirements=["C", "W"])
         if len(measured) != len(u):
             raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
         if measured.shape[1] != len(self.simulator.outputs):
             raise ValueError(
-                f"y has {measured.shape[1]} columns, the simulator has {len(self.simulator.outputs)} outputs: "
+                f"y has {measured.shape[1]} columns, the simulator has {len(self.simulator.outputs)} "
+                "outputs: "
                 f"{[str(s) for s in self.simulator.outputs]}."
             )
         return u, measured
@@ -305,7 +421,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 raise ValueError(
                     f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
                 )
-        u = as_signals(X, "X")
+        u = np.require(as_signals(X, "X"), requirements=["C", "W"])
         if u.shape[1] != len(wanted):
             raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
         return u
@@ -322,7 +438,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         fitting, held_out = [], []
         for piece, session in self._pieces(u, sessions):
             n = piece.stop - piece.start
-            edge = piece.stop - int(round(self.test_fraction * n))
+            edge = piece.stop - round(self.test_fraction * n)
             fitting.append((slice(piece.start, edge), session))
             if piece.stop - edge > 1:
                 held_out.append(slice(edge, piece.stop))
@@ -333,12 +449,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.verdict_ = diagnosis.verdict
         self.p_value_ = diagnosis.p_missing
         fit = diagnosis.best.fit
-        self.refitted_simulator_ = self.simulator.with_parameters(diagnosis.refitted.model.p)
-        corrected = self.simulator.with_parameters(fit.model.p).with_effects(
-            (*self.simulator.effects, *fit.model.effects[len(self.simulator.effects) :])
-        )
+        simulator = diagnosis.problem.simulator
+        self.refitted_simulator_ = simulator.with_parameters(diagnosis.refitted.model.p)
+        corrected = simulator.with_parameters(fit.model.p).with_effects(fit.model.effects)
         if diagnosis.verdict == "consistent":
-            corrected = self.simulator
+            corrected = simulator
         self.simulator_ = corrected
         lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
         self._n_init = int(max(8 * (len(self.simulator.states) + 1), min(np.median(lengths) // 2, 200)))
@@ -346,16 +461,31 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.parameters_ = self._parameter_table(diagnosis)
         self.findings_ = make_findings(diagnosis, self.level, self.simulator)
         self.noise_ = {
-            str(signal): {"sigma": float(sigma), "autoregression": a.tolist()}
-            for signal, sigma, a in zip(
+            str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
+            for signal, sigma, a, b in zip(
                 self.simulator.outputs,
                 diagnosis.problem.noise.sigma,
                 diagnosis.problem.noise.coefficients,
+                diagnosis.problem.noise.average or [0.0] * len(self.simulator.outputs),
                 strict=True,
             )
         }
+        self.confidence_ = self.findings_[0].confidence if self.findings_ else 1.0 - diagnosis.p_missing
+        self._tell("location")
+        self.location_ = locate(diagnosis, self.random_state)
+        if not self.findings_ and len(self.location_.segments):
+            # no effect explains it, yet some stretches are worse than others: not noise of one kind
+            self.verdict_ = "unknown"
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
+        if (
+            self.findings_
+            and "removed_high" in self.scores_
+            and self.scores_.loc["augmented", "removed_high"] < 0
+        ):
+            # what was found makes held-out samples worse: it is no explanation, and is not used
+            self.verdict_ = "unknown"
+            self.simulator_ = self.refitted_simulator_
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
@@ -367,7 +497,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not long_enough:
             return pd.DataFrame()
         simulators = {
-            "nominal": self.simulator,
+            "nominal": self._diagnosis.problem.simulator,
             "refitted": self.refitted_simulator_,
             "augmented": self.simulator_,
         }
@@ -410,6 +540,3 @@ def _entry(code) -> Effect:
     if code not in CATALOGUE:
         raise ValueError(f"There is no effect {code!r} in the catalogue; it holds {sorted(CATALOGUE)}.")
     return CATALOGUE[code]
-
-
-__all__ = ["DiscrepancyRegressor", "place_in_words"]

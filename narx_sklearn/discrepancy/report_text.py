@@ -59,6 +59,10 @@ def _scores(dx) -> list[str]:
 def _noise(dx) -> list[str]:
     lines = ["Noise estimated on:"]
     for name, noise in dx.noise_.items():
-        colour = "white" if not noise["autoregression"] else f"coloured, order {len(noise['autoregression'])}"
+        colour = "white"
+        if noise["moving_average"]:
+            colour = "drifting" if noise["autoregression"][0] > 0.99 else "coloured, with a slow part"
+        elif noise["autoregression"]:
+            colour = f"coloured, order {len(noise['autoregression'])}"
         lines.append(f"   {name}: {noise['sigma']:.3g}, {colour}")
     return lines

@@ -33,6 +33,8 @@ class Finding:
         Of the test that something is missing, adjusted for everything that was tried.
     improvement : float
         Share of the fitting windows' squared error that it takes away.
+    confidence : float
+        Weight of this effect among all that were tried in its place.
     separate_by : str
         What experiment tells it from its look-alikes.
     evidence : dict
@@ -54,4 +56,5 @@ class Finding:
     improvement: float
     separate_by: str = ""
     rivals: tuple[str, ...] = ()
+    confidence: float = 0.0
     evidence: dict = field(default_factory=dict)

@@ -28,7 +28,7 @@ class Structure(NamedTuple):
 
 def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Structure:
     """Probe the right-hand side along a run, x (n_samples, n_states) and u (n_samples, n_inputs)."""
-    n, m = len(simulator.states), len(simulator.inputs)
+    n = len(simulator.states)
     good = np.flatnonzero(np.all(np.isfinite(x), axis=1) & np.all(np.isfinite(u), axis=1))
     points = good[np.linspace(0, good.size - 1, POINTS).astype(int)] if good.size else np.zeros(0, int)
     x_size = np.maximum(np.nanstd(x, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(x), axis=0), 1e-6))
@@ -56,6 +56,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
             kinematic[i] = True
             if not simulator.discrete and partner[sources[0]] < 0:
                 partner[int(sources[0])] = i
+    if simulator.discrete:  # what a map only remembers is no place for physics
+        kinematic |= ~simulator.free_states
     sign = np.sign(Jx.mean(axis=0)) if len(Jx) else np.zeros((n, n))
     return Structure(tuple(partner), kinematic, depends, sign, driven)
 

@@ -42,7 +42,7 @@ def free_run(simulator: Simulator, u: np.ndarray, y: np.ndarray, n_init: int, gu
 
 
 def squared_errors(simulators: dict, u, y, stretches, n_init: int, guesses: dict) -> dict[str, np.ndarray]:
-    """Return each simulator's squared held-out errors by block, (n_blocks, n_outputs); the first samples out."""
+    """Return each simulator's mean squared held-out errors by block, (n_blocks, n_outputs)."""
     found = {}
     for name, simulator in simulators.items():
         blocks = []

@@ -43,7 +43,7 @@ def rates_of(simulator: Simulator, x: np.ndarray, u: np.ndarray, p: np.ndarray |
     """Return the right-hand side at one point, shape (n_states,)."""
     written = np.empty(x.size)
     simulator._equations()[0](
-        np.ascontiguousarray(x), np.ascontiguousarray(u), simulator.nominal if p is None else p, written
+        np.array(x, dtype=float), np.array(u, dtype=float), simulator.nominal if p is None else p, written
     )
     return written
 
@@ -63,7 +63,7 @@ def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray, p=None, s
 
 
 def cut(pieces, length: int, shortest: int) -> Windows:
-    """Cut pieces of a record into windows of about ``length`` samples; pieces below ``shortest`` are left out.
+    """Cut pieces of a record into windows of about ``length`` samples; those below ``shortest`` are left out.
 
     Parameters
     ----------

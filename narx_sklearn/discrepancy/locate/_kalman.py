@@ -77,8 +77,8 @@ def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, 
     """Run the filter over series that share one model.
 
     Written: ``nu`` (n, n_outputs, n_series) innovations and ``S`` (n, n_outputs) their variance, both zero
-    where ``b[k, o, 0]`` is NaN (``nu`` may be ``b``); ``gain`` (n, n_outputs, size) and ``row`` (n, size), the predicted
-    covariance of w with the state, unless they have no samples.
+    where ``b[k, o, 0]`` is NaN (``nu`` may be ``b``); ``gain`` (n, n_outputs, size) and ``row`` (n, size),
+    the predicted covariance of w with the state, unless they have no samples.
     """
     n_samples, n = A.shape[0], A.shape[1]
     n_outputs, n_series = b.shape[1], b.shape[2]

@@ -118,7 +118,8 @@ def _stiction_transform(signal, second, dt, theta, first):
 
 
 def _stiction_starts(setting: Setting) -> np.ndarray:
-    rows = grid(np.array([0.2, 0.6]) * spread(setting.argument), [0.3, 1.0])
+    """Bands from a fiftieth of the spread up; the fit finds a wider band from a narrow one, not the reverse."""
+    rows = grid(np.array([0.02, 0.06, 0.2, 0.6]) * spread(setting.argument), [0.3, 1.0])
     return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
 
 

@@ -30,12 +30,23 @@ def _clip_starts(setting: Setting) -> np.ndarray:
 
 @kernel
 def _rate_limit_run(values, most):
-    """Follow the values by at most ``most`` a sample, from the first value on."""
+    """Follow values that are held between samples by at most ``most`` a sample; return the mean over each.
+
+    A held command steps at the sample and the ramp that follows it is mostly over before the next one, so the
+    value at the sample would show nothing of it.
+    """
     out = np.empty(values.size)
     at = values[0]
     for k in range(values.size):
-        at += min(max(values[k] - at, -most), most)
-        out[k] = at
+        missing = values[k] - at
+        size = abs(missing)
+        if size <= most:
+            out[k] = values[k] - (0.5 * missing * size / most if most > 0.0 else 0.0)
+            at = values[k]
+        else:
+            move = most if missing > 0.0 else -most
+            out[k] = at + 0.5 * move
+            at += move
     return out
 
 

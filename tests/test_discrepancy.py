@@ -1,0 +1,247 @@
+"""DiscrepancyRegressor: what it says of known systems, how it behaves in scikit-learn, what it refuses."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import TimeSeriesSplit, cross_val_score
+
+from narx_sklearn import DiscrepancyRegressor, NARXModel, ODESimulator
+from narx_sklearn.physics.effects import CATALOGUE
+
+DT = 0.02
+ABOUT = {"dt": DT, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+NOMINAL = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0}
+SOME = [
+    "cubic_stiffness",
+    "coulomb_friction",
+    "quadratic_drag",
+    "dead_zone",
+    "input_saturation",
+    "sensor_bias",
+]
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def nominal(**changes):
+    return ODESimulator(stage, parameters=NOMINAL | changes, **ABOUT)
+
+
+def record(kind, seed=0, n=2500, noise=0.02, size=1.0):
+    """Return a recording of a stage made elsewhere: midpoint steps ten times finer than the simulator's."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.normal(0, 3, n // 10), 10)
+    gain, damping, stiffness = np.array([1.0, 0.8, 12.0]) * (1 + 0.2 * rng.uniform(-1, 1, 3))
+    drive = np.where(np.abs(u) > 1.0, u - np.sign(u), 0.0) if kind == "dead_zone" else u
+
+    def rate(x, v, force):
+        a = gain * force - damping * v - stiffness * x
+        if kind == "cubic_stiffness":
+            a -= size * 25.0 * x**3
+        if kind == "coulomb_friction":
+            a -= size * 0.4 * np.tanh(v / 1e-3)
+        return a
+
+    h = DT / 10
+    x = v = 0.0
+    y = np.empty(n)
+    for k in range(n):
+        y[k] = x
+        for _ in range(10):
+            a = rate(x, v, drive[k])
+            middle_x, middle_v = x + 0.5 * h * v, v + 0.5 * h * a
+            x, v = x + h * middle_v, v + h * rate(middle_x, middle_v, drive[k])
+    return u, y + noise * y.std() * rng.normal(size=n), (gain, damping, stiffness)
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    u, y, truth = record("cubic_stiffness")
+    return DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y), u, y, truth
+
+
+class TestVerdicts:
+    @pytest.mark.parametrize("kind", ["coulomb_friction", "dead_zone"])
+    def test_the_missing_effect_is_named_first(self, kind):
+        u, y, _ = record(kind, seed=1)
+        dx = DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y)
+        assert dx.verdict_ in ("explained", "ambiguous")
+        assert dx.findings_[0].effect == kind
+        assert dx.scores_.loc["augmented", "nrmse"] < 1.1 * 0.02
+        assert dx.scores_.loc["augmented", "removed_low"] > 0.5
+
+    def test_wrong_parameters_are_refitted_and_no_physics_is_sold(self):
+        u, y, truth = record("nothing", seed=2)
+        dx = DiscrepancyRegressor(nominal()).fit(u, y)
+        assert dx.verdict_ == "refit"
+        assert dx.findings_ == []
+        np.testing.assert_allclose(dx.parameters_["refitted"], truth, rtol=0.02)
+
+    def test_a_right_simulation_is_called_consistent(self):
+        rng = np.random.default_rng(3)
+        u = np.repeat(rng.normal(0, 3, 200), 10)
+        y = nominal().simulate(u)[:, 0] + 0.01 * rng.normal(size=2000)
+        assert DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y).verdict_ == "consistent"
+
+    def test_coloured_noise_alone_is_no_physics(self):
+        rng = np.random.default_rng(4)
+        u = np.repeat(rng.normal(0, 3, 250), 10)
+        e = np.zeros(2500)
+        for k in range(1, 2500):
+            e[k] = 0.9 * e[k - 1] + rng.normal()
+        y = nominal().simulate(u)[:, 0] + 0.02 * e
+        assert DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y).verdict_ == "consistent"
+
+
+class TestFindings:
+    def test_values_intervals_and_units_are_those_of_the_truth(self, cubic):
+        dx, _, _, _ = cubic
+        finding = dx.findings_[0]
+        assert finding.effect == "cubic_stiffness"
+        assert finding.port == "state:1"
+        low, high = finding.intervals["k3"]
+        assert low < 25.0 < high
+        assert high - low < 5.0
+        assert finding.units["k3"].startswith("m/s/s")
+
+    def test_the_report_says_all_of_it_in_words(self, cubic):
+        dx, _, _, _ = cubic
+        for words in (
+            "explained",
+            CATALOGUE["cubic_stiffness"].title,
+            "k3",
+            "Held-out free run",
+            "Noise estimated",
+        ):
+            assert words in dx.report_
+
+    def test_the_place_is_found_too(self, cubic):
+        dx, _, _, _ = cubic
+        best = dx.location_.ports.iloc[0]
+        assert (best["kind"], best["index"]) in {("state", 1), ("input", 0)}
+        assert set(dx.location_.force.columns) == {"sample", "force", "deviation"}
+
+    def test_an_experiment_separates_two_explanations(self, cubic):
+        dx, _, _, _ = cubic
+        plan = dx.next_experiment(amplitude=5.0, n_samples=800, between=["cubic_stiffness", "sensor_bias"])
+        assert plan.u.shape == (800, 1)
+        assert np.abs(plan.u).max() <= 5.0 + 1e-9
+        assert plan.separation > 4.0
+        assert plan.table["separation"].is_monotonic_decreasing
+
+    def test_the_corrected_simulation_becomes_a_narx_model(self, cubic):
+        dx, u, _, _ = cubic
+        model = dx.to_narx(u)
+        assert isinstance(model, NARXModel)
+
+
+class TestPrediction:
+    def test_the_corrected_simulation_is_nearer_than_the_nominal_one(self, cubic):
+        dx, u, y, _ = cubic
+        before = nominal().simulate(u)[:, 0]
+        assert np.std(y - dx.predict(u)) < 0.2 * np.std(y - before)
+
+    def test_the_initial_state_is_taken_from_first_outputs(self, cubic):
+        dx, u, y, _ = cubic
+        late = dx.predict(u[1000:], y_init=y[1000:1040])
+        assert np.std((y[1000:] - late)[40:]) < 0.05 * np.std(y)
+
+    def test_score_is_that_of_a_free_run(self, cubic):
+        dx, u, y, _ = cubic
+        assert 0.998 < dx.score(u, y) <= 1.0
+
+    def test_sessions_start_anew(self, cubic):
+        dx, u, _, _ = cubic
+        sessions = np.repeat([0, 1], 1250)
+        both = dx.predict(u, sessions=sessions)
+        np.testing.assert_allclose(both[1250:], dx.predict(u[1250:]))
+
+
+class TestInScikitLearn:
+    def test_clone_and_pickle(self, cubic):
+        dx, u, _, _ = cubic
+        again = pickle.loads(pickle.dumps(dx))
+        np.testing.assert_array_equal(again.predict(u), dx.predict(u))
+        assert clone(dx).get_params()["effects"] == SOME
+
+    def test_the_same_record_gives_the_same_diagnosis(self, cubic):
+        dx, u, y, _ = cubic
+        again = clone(dx).fit(u, y)
+        assert again.report_ == dx.report_
+
+    def test_dataframes_are_read_by_name(self, cubic):
+        dx, u, y, _ = cubic
+        frame = pd.DataFrame({"temperature [K]": 300.0, "drive [V]": u})
+        again = clone(dx).fit(frame, y)
+        assert again.findings_ == dx.findings_
+
+    def test_cross_validation_judges_the_augmented_free_run(self):
+        u, y, _ = record("cubic_stiffness", n=1800)
+        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
+        assert cross_val_score(dx, u, y, cv=TimeSeriesSplit(2)).min() > 0.99
+
+    def test_read_only_non_contiguous_and_single_precision_arrays_are_taken(self):
+        u, y, _ = record("cubic_stiffness", n=1200)
+        wide = np.asfortranarray(np.column_stack([u, u]))[:, :1]
+        wide.flags.writeable = False
+        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"]).fit(wide, y.astype(np.float32))
+        assert dx.findings_[0].effect == "cubic_stiffness"
+
+    def test_gaps_and_sessions_do_not_stop_it(self):
+        u, y, _ = record("cubic_stiffness", n=2400)
+        u[500:510] = np.nan
+        y[900:950] = np.nan
+        sessions = np.repeat(["a", "b"], 1200)
+        dx = DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y, sessions=sessions)
+        assert dx.findings_[0].effect == "cubic_stiffness"
+
+
+class TestRefusals:
+    u, y = np.ones(100), np.ones(100)
+
+    @pytest.mark.parametrize(
+        ("settings", "words"),
+        [
+            ({"alpha": 0.0}, "alpha is a probability"),
+            ({"level": 1.0}, "level is a probability"),
+            ({"test_fraction": 0.95}, "test_fraction"),
+            ({"max_effects": 0}, "max_effects"),
+            ({"window": 2}, "window counts samples"),
+            ({"effects": "all"}, "effects must be"),
+            ({"effects": ["rubber"]}, "no effect 'rubber'"),
+            ({"effects": ["gravity"], "exclude": ["gravity"]}, "No effect is left"),
+        ],
+    )
+    def test_settings(self, settings, words):
+        with pytest.raises(ValueError, match=words):
+            DiscrepancyRegressor(nominal(), **settings).fit(self.u, self.y)
+
+    def test_a_plain_function_is_no_simulator(self):
+        with pytest.raises(TypeError, match="goes into ODESimulator"):
+            DiscrepancyRegressor(stage).fit(self.u, self.y)
+
+    def test_lengths_and_columns(self):
+        dx = DiscrepancyRegressor(nominal())
+        with pytest.raises(ValueError, match="X has 100 samples and y has 90"):
+            dx.fit(self.u, self.y[:90])
+        with pytest.raises(ValueError, match="X has 2 columns"):
+            dx.fit(np.ones((100, 2)), self.y)
+        with pytest.raises(ValueError, match="y has 2 columns"):
+            dx.fit(self.u, np.ones((100, 2)))
+
+    def test_a_record_without_a_whole_window(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with pytest.raises(ValueError, match="fitting window needs"):
+                DiscrepancyRegressor(nominal(), effects=SOME).fit(self.u[:8], self.y[:8])
+
+    def test_an_experiment_needs_two_explanations_that_were_fitted(self, cubic):
+        dx, _, _, _ = cubic
+        with pytest.raises(ValueError, match="was not among the explanations"):
+            dx.next_experiment(amplitude=1.0, n_samples=100, between=["cubic_stiffness", "rubber"])

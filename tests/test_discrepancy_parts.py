@@ -1,0 +1,261 @@
+"""Parts of the diagnosis: windows, projection, fits, the test, intervals, each against a slow or hand-worked form."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
+from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
+from narx_sklearn.discrepancy.inference import covariance, intervals
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem, Projector
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
+from narx_sklearn.physics.effects import CATALOGUE
+
+ABOUT = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def cart(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+def make_stage(gain=1.0, damping=0.8, stiffness=12.0):
+    names = {"gain [m/s^2/V]": gain, "damping [1/s]": damping, "stiffness [1/s^2]": stiffness}
+    return ODESimulator(stage, parameters=names, **ABOUT)
+
+
+def held_levels(rng, n, hold=10, size=3.0):
+    return np.repeat(rng.normal(0, size, n // hold), hold)[:, None]
+
+
+def make_problem(seed=0, n=1200, noise=0.01, simulator=None, true=None):
+    rng = np.random.default_rng(seed)
+    u = held_levels(rng, n)
+    y = (true or make_stage(1.1, 0.7, 11.0)).simulate(u) + noise * rng.normal(size=(n, 1))
+    windows = cut([(slice(0, n), 0)], n // 4, 8)
+    problem = Problem(simulator or make_stage(), u, y, windows, Noise.white(np.array([max(noise, 1e-9)])))
+    return problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2)))
+
+
+class TestWindows:
+    def test_windows_cover_each_piece_and_never_cross_its_edges(self):
+        windows = cut([(slice(0, 100), 0), (slice(120, 181), 0), (slice(200, 203), 200)], 25, 8)
+        assert windows.first.tolist() == [0, 25, 50, 75, 120, 150]
+        assert windows.last.tolist() == [25, 50, 75, 100, 150, 181]
+        assert windows.fresh.tolist() == [True, False, False, False, True, False]
+        assert windows.began.tolist() == [0] * 6  # the last piece is too short for a window
+
+    def test_pace_of_an_oscillator_and_of_an_integrator(self):
+        x, u = np.zeros((5, 2)), np.zeros((5, 1))
+        pace = find_pace(make_stage(), x, u)
+        assert pace.forgets
+        assert pace.time_constant == pytest.approx(1 / 0.4, rel=1e-6)
+        drifting = ODESimulator(cart, parameters={"gain": 1.0, "damping": 0.5}, **ABOUT)
+        assert not find_pace(drifting, x, u).forgets
+
+    def test_what_forgets_gets_long_windows_and_what_drifts_gets_many(self):
+        simulator = make_stage()
+        from narx_sklearn.discrepancy.windows import Pace
+
+        assert window_length(simulator, Pace(0.1, True), 10_000) == 166  # no more than sixty windows
+        assert window_length(simulator, Pace(1.0, True), 10_000) == 1000  # twenty time constants
+        assert window_length(simulator, Pace(1.0, False), 10_000) == 416  # twenty-four windows
+
+
+class TestStructure:
+    def test_a_velocity_knows_its_position_and_a_definition_is_no_port(self):
+        simulator = make_stage()
+        rng = np.random.default_rng(0)
+        u = held_levels(rng, 400)
+        x = simulator.run(u, Windows.whole([slice(0, 400)]), np.zeros((1, 2))).x
+        structure = find_structure(simulator, x, u)
+        assert structure.partner == (-1, 0)
+        assert structure.kinematic.tolist() == [True, False]
+        assert structure.states.tolist() == [[False, True], [True, True]]
+        assert structure.inputs.tolist() == [[False], [True]]
+
+    def test_an_input_that_no_equation_uses_is_a_measured_channel(self):
+        def heated(x, u, p):
+            return (p[0] * u[0] - p[1] * x[0],)
+
+        simulator = ODESimulator(
+            heated,
+            dt=1.0,
+            parameters={"a": 1.0, "b": 0.1},
+            states=["rise [K]"],
+            inputs=["heater [W]", "room [K]"],
+        )
+        rng = np.random.default_rng(0)
+        u = rng.normal(size=(200, 2))
+        x = simulator.run(u, Windows.whole([slice(0, 200)]), np.zeros((1, 1))).x
+        assert find_structure(simulator, x, u).channels.tolist() == [1]
+
+
+class TestProjection:
+    def test_initial_states_explain_nothing_of_what_is_left(self):
+        problem, model = make_problem()
+        run = problem.run(model)
+        sensitivity = problem.states_sensitivity(model, run, np.full(2, 1e-5))
+        projector = Projector.of(sensitivity)
+        rng = np.random.default_rng(1)
+        column = projector(rng.normal(size=sensitivity.shape[:2]))
+        inner = np.einsum("wtk,wt->wk", sensitivity, column)
+        assert np.abs(inner).max() < 1e-10 * np.abs(sensitivity).max() * np.abs(column).max() * 300
+        np.testing.assert_allclose(projector(column), column, atol=1e-12)
+
+    def test_a_state_nobody_sees_takes_nothing_away(self):
+        sensitivity = np.zeros((2, 50, 2))
+        sensitivity[:, :, 0] = 1.0
+        projector = Projector.of(sensitivity)
+        column = np.random.default_rng(0).normal(size=(2, 50))
+        np.testing.assert_allclose(projector(column), column - column.mean(axis=1, keepdims=True), atol=1e-12)
+
+    def test_parameters_are_projected_out_as_by_least_squares(self):
+        rng = np.random.default_rng(0)
+        J, columns = rng.normal(size=(3, 40, 2)), rng.normal(size=(3, 40, 4))
+        J = np.concatenate([J, J[:, :, :1]], axis=2)  # one of them twice
+        flat = columns.reshape(-1, 4)
+        slow = flat - J.reshape(-1, 3) @ np.linalg.lstsq(J.reshape(-1, 3), flat, rcond=None)[0]
+        np.testing.assert_allclose(out_of(J, columns).reshape(-1, 4), slow, atol=1e-12)
+
+
+class TestFit:
+    def test_parameters_and_initial_states_are_found_exactly_without_noise(self):
+        problem, model = make_problem(noise=0.0)
+        found = fit(problem, model, iterations=40, tolerance=1e-14)
+        np.testing.assert_allclose(found.model.p, [1.1, 0.7, 11.0], rtol=1e-6)
+
+    def test_an_effect_is_found_exactly_without_noise(self):
+        true = make_stage().with_effects(
+            [PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(7.0,))]
+        )
+        problem, model = make_problem(noise=0.0, true=true)
+        start = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(1.0,))
+        found = fit(problem, model._replace(effects=(start,)), iterations=40, tolerance=1e-14)
+        assert found.model.effects[0].theta[0] == pytest.approx(7.0, rel=1e-5)
+
+    def test_the_cost_never_rises_and_bounds_hold(self):
+        problem, model = make_problem(seed=2)
+        start = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.5,))
+        at = model._replace(effects=(start,))
+        before = float(np.sum(problem.residual(problem.run(at)) ** 2))
+        found = fit(problem, at)
+        assert found.cost <= before
+        assert found.model.effects[0].theta[0] >= 0.0  # nothing rubs here, and friction cannot push
+
+    def test_missing_outputs_do_not_count(self):
+        problem, model = make_problem(seed=3)
+        y = problem.y.copy()
+        y[::7] = np.nan
+        sparse = Problem(problem.simulator, problem.u, y, problem.windows, problem.noise)
+        assert sparse.n_seen == np.isfinite(y).sum()
+        np.testing.assert_allclose(fit(sparse, model).model.p, [1.1, 0.7, 11.0], rtol=0.03)
+
+
+class TestNoise:
+    @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+    def test_colour_and_size_are_recovered(self, rho):
+        rng = np.random.default_rng(0)
+        e = rng.normal(size=(4, 3000))
+        r = np.zeros_like(e)
+        for k in range(1, 3000):
+            r[:, k] = rho * r[:, k - 1] + e[:, k]
+        noise = estimate_noise(r[:, :, None], np.ones((4, 3000, 1), dtype=bool))
+        assert noise.sigma[0] == pytest.approx(1.0, abs=0.03)
+        assert noise.coefficients[0].sum() == pytest.approx(rho, abs=0.05)
+
+    def test_whitening_removes_what_it_modelled(self):
+        problem, _ = make_problem()
+        coloured = problem.with_noise(Noise((np.array([0.5]),), np.array([2.0])))
+        signal = np.arange(1200.0)[:, None]
+        white = coloured.whiten(signal).reshape(coloured.seen.shape)
+        assert np.all(white[:, 0] == 0)  # nothing is known before a window's first sample
+        k = int(coloured.windows.first[1]) + 5
+        assert white[1, 5, 0] == pytest.approx((k - 0.5 * (k - 1)) / 2.0)
+
+
+class TestDetection:
+    def make_bank(self, rng, n_columns=20, size=0.0, n=(4, 500)):
+        columns = rng.normal(size=(*n, n_columns))
+        residual = rng.normal(size=n) + size * columns[:, :, 3]
+        flat = columns.reshape(-1, n_columns)
+        gram = flat.T @ flat
+        none = np.zeros(n_columns, dtype=int)
+        return Bank(
+            [], none, none, columns, residual, gram, flat.T @ residual.ravel(), np.ones(n_columns, dtype=bool)
+        )
+
+    def ask(self, bank, seed=0):
+        return detect(
+            bank,
+            np.ones(bank.n_columns, dtype=bool),
+            n_outputs=1,
+            n_samples=2000,
+            n_fitted=8,
+            draws=499,
+            random_state=seed,
+        )
+
+    def test_false_alarms_of_the_maximum_are_at_their_level(self):
+        rng = np.random.default_rng(0)
+        p = np.array([self.ask(self.make_bank(rng), seed).p_bank for seed in range(200)])
+        assert 0.0 <= np.mean(p <= 0.05) <= 0.09  # three standard deviations about five per cent
+
+    def test_a_real_column_is_found_and_is_the_one(self):
+        bank = self.make_bank(np.random.default_rng(1), size=0.15)
+        found = self.ask(bank)
+        assert found.p_value <= 0.01
+        assert int(np.argmax(found.statistic)) == 3
+
+    def test_a_strong_column_does_not_hide_itself_in_its_own_variance(self):
+        bank = self.make_bank(np.random.default_rng(2), size=5.0)
+        assert self.ask(bank).statistic[3] > 100
+
+    def test_blocks_add_up_to_the_whole(self):
+        values = np.random.default_rng(0).normal(size=(3, 70, 4))
+        np.testing.assert_allclose(blocks_of(values, 1, 20).sum(axis=0), values.sum(axis=(0, 1)))
+        np.testing.assert_allclose(blocks_of(values, 2, 20).sum(axis=0), values.sum(axis=(0, 1)))
+
+    def test_what_the_best_columns_explain_is_taken_out_of_the_noise(self):
+        bank = self.make_bank(np.random.default_rng(3), size=2.0)
+        rest, used = flexible_residual(bank, 2000)
+        assert used >= 1
+        assert rest.std() == pytest.approx(1.0, abs=0.05)
+
+    def test_a_line_in_time_is_found_unless_the_input_has_it(self):
+        rng = np.random.default_rng(0)
+        t = np.arange(2000)
+        line = np.sin(0.3 * t)
+        residual = (rng.normal(size=2000) + line).reshape(4, 500)
+        frequency, p = strongest_line(residual, 1)
+        assert frequency == pytest.approx(0.3 / (2 * np.pi), rel=0.01)
+        assert p < 1e-6
+        driven = (line + 0.01 * rng.normal(size=2000)).reshape(4, 500, 1)
+        assert strongest_line(residual, 1, driven)[1] > 0.01
+
+
+class TestIntervals:
+    def test_intervals_cover_the_truth_about_as_often_as_they_say(self):
+        covered = []
+        for seed in range(40):
+            problem, model = make_problem(seed=100 + seed, n=800, noise=0.05)
+            found = fit(problem, model)
+            bounds = intervals(problem, found, 0.9)
+            covered.append((bounds[:, 0] <= [1.1, 0.7, 11.0]) & (bounds[:, 1] >= [1.1, 0.7, 11.0]))
+        assert 0.8 <= np.mean(covered) <= 0.98
+
+    def test_white_noise_gives_the_textbook_covariance(self):
+        problem, model = make_problem(seed=5, n=4800)
+        found = fit(problem, model)
+        flat = found.jacobian.reshape(-1, 3)
+        textbook = np.linalg.inv(flat.T @ flat) * found.cost / problem.n_seen
+        ratio = np.sqrt(np.diag(covariance(problem, found)) / np.diag(textbook))
+        np.testing.assert_allclose(ratio, 1.0, atol=0.25)
