@@ -1,0 +1,150 @@
+"""Which columns of a table are inputs, outputs and simulated outputs."""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from narx_sklearn._validation import session_slices, split_unit
+from narx_sklearn.cli._errors import DataError, UsageError
+from narx_sklearn.cli._sampling import Sampled, find_column, sample_evenly
+from narx_sklearn.cli._tables import read_table
+
+INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
+OUTPUT = re.compile(r"(y|output|measured|y_?meas(ured)?|out)_?\d*$", re.IGNORECASE)
+SIMULATED = re.compile(r"(y_?sim(ulated)?|sim(ulated|ulation)?|y_?model|y_?hat)_?\d*$", re.IGNORECASE)
+
+
+class Recording(NamedTuple):
+    """A recording ready for use.
+
+    Attributes
+    ----------
+    u, y : DataFrame of shape (n_samples, n_inputs), (n_samples, n_outputs)
+        Inputs and outputs, labelled as in the file.
+    y_sim : DataFrame or None
+        Simulated outputs.
+    dt : float or None
+        Sampling period, s.
+    sessions : ndarray of shape (n_samples,)
+        One number a sample.
+    notes : tuple of str
+        What was guessed or seen on reading.
+    """
+
+    u: pd.DataFrame
+    y: pd.DataFrame
+    y_sim: pd.DataFrame | None
+    dt: float | None
+    sessions: np.ndarray
+    notes: tuple[str, ...]
+
+
+def read_recording(source: str, options, *, simulated: bool = False, inputs=(), outputs=()) -> Recording:
+    """Read a recording by the options of a command.
+
+    Parameters
+    ----------
+    source : str
+        File, or ``-``.
+    options : namespace
+        With ``u``, ``y``, ``y_sim``, ``time``, ``session``, ``dt``, ``resample``.
+    simulated : bool, default=False
+        Whether a simulated output must be among the columns.
+    inputs, outputs : sequence of str
+        Names that a simulator gives to its signals, tried before the usual ones.
+
+    Returns
+    -------
+    Recording
+    """
+    table = read_table(source)
+    sampled = sample_evenly(table, dt=options.dt, time=options.time, resample=options.resample)
+    frame, sessions = sampled.frame, sampled.sessions
+    if options.session is not None:
+        label = find_column(list(frame.columns), options.session, "--session")
+        cuts = np.flatnonzero(frame[label].to_numpy()[1:] != frame[label].to_numpy()[:-1])
+        sessions = sessions + np.bincount(cuts + 1, minlength=len(frame)).cumsum()
+        frame = frame.drop(columns=label)
+    u, y, y_sim = choose_columns(frame, options, simulated, inputs, outputs)
+    notes = [*sampled.notes, f"Inputs: {', '.join(u)}. Outputs: {', '.join(y)}."]
+    chosen = pd.concat([u, y] + ([y_sim] if y_sim is not None else []), axis=1)
+    _check_values(chosen, table.source)
+    missing = int(chosen.isna().any(axis=1).sum())
+    if missing:
+        notes.append(
+            f"{missing} of {len(chosen)} samples lack a value; they are left out, nothing is filled in."
+        )
+    return Recording(u, y, y_sim, sampled.dt, sessions, tuple(notes))
+
+
+def choose_columns(frame: pd.DataFrame, options, simulated: bool, inputs=(), outputs=()):
+    """Return the inputs, outputs and simulated outputs (or None) of a table.
+
+    Options decide; then the simulator's names; then usual names such as ``u``, ``y`` and ``y_sim``; and where
+    no name helps, two columns are u and y, and three are u, y and y_sim.
+    """
+    labels = list(frame.columns)
+    u = _asked(labels, options.u, "--u") or _named(labels, inputs)
+    y = _asked(labels, options.y, "--y") or _named(labels, outputs)
+    y_sim = _asked(labels, getattr(options, "y_sim", None), "--y-sim")
+    free = [label for label in labels if label not in {*u, *y, *y_sim}]
+    if simulated and not y_sim:
+        y_sim = [label for label in free if SIMULATED.match(split_unit(label)[0])]
+    free = [label for label in free if label not in y_sim and not SIMULATED.match(split_unit(label)[0])]
+    y = y or [label for label in free if OUTPUT.match(split_unit(label)[0])]
+    free = [label for label in free if label not in y]
+    u = u or [label for label in free if INPUT.match(split_unit(label)[0])]
+    if not (u or y or y_sim) and len(labels) == 2 + simulated:
+        u, y, y_sim = labels[:1], labels[1:2], labels[2:]
+    elif y and not u and len(free) == 1:
+        u = free
+    elif u and not y and len([label for label in free if label not in u]) == 1:
+        y = [label for label in free if label not in u]
+    lacking = [
+        option for option, found in (("--u", u), ("--y", y), ("--y-sim", y_sim or not simulated)) if not found
+    ]
+    if lacking:
+        raise UsageError(
+            f"Which column is which cannot be told from {', '.join(map(repr, labels))}. Say it with "
+            f"{' and '.join(lacking)} (a name, or the column's number; several with commas)."
+        )
+    if simulated and len(y_sim) != len(y):
+        raise UsageError(
+            f"There are {len(y)} outputs ({', '.join(y)}), but {len(y_sim)} simulated ({', '.join(y_sim)})."
+        )
+    return frame[u], frame[y], frame[y_sim] if simulated else None
+
+
+def _asked(labels, option: str | None, name: str) -> list[str]:
+    return [find_column(labels, part, name) for part in option.split(",")] if option else []
+
+
+def _named(labels, names) -> list[str]:
+    """Return the columns of these names, all of them or none."""
+    found = [label for name in names for label in labels if split_unit(label)[0] == name]
+    return found if len(found) == len(names) else []
+
+
+def _check_values(frame: pd.DataFrame, source: str) -> None:
+    for label, values in frame.items():
+        infinite = np.flatnonzero(np.isinf(values.to_numpy()))
+        if infinite.size:
+            raise DataError(
+                f"Column {label!r} of {source} is infinite in row {infinite[0] + 1} of the values; "
+                "leave the cell empty where the value is missing."
+            )
+        if values.isna().all():
+            raise DataError(f"Column {label!r} of {source} holds no number at all.")
+
+
+def last_part(sessions: np.ndarray, share: float) -> np.ndarray:
+    """Return the samples, as a mask, in the last ``share`` of every session."""
+    held_out = np.zeros(sessions.size, dtype=bool)
+    for piece in session_slices(sessions, sessions.size):
+        held_out[piece.stop - round(share * (piece.stop - piece.start)) : piece.stop] = True
+    return held_out
+
+
+__all__ = ["Recording", "Sampled", "choose_columns", "last_part", "read_recording"]

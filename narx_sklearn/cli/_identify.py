@@ -1,0 +1,105 @@
+"""``narx-sklearn identify``."""
+
+import json
+
+import numpy as np
+
+from narx_sklearn.analysis import residual_tests
+from narx_sklearn.cli._columns import Recording, last_part, read_recording
+from narx_sklearn.cli._errors import DataError, UsageError
+from narx_sklearn.cli._files import check_writable, write_text
+from narx_sklearn.cli._output import say, tell_notes, write_json
+from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
+from narx_sklearn.metrics import nrmse, rmse
+from narx_sklearn.model import free_run
+
+EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
+
+
+def run(options) -> None:
+    """Read, identify, judge, tell."""
+    check_writable(options.save)
+    check_writable(options.json)
+    if options.save == options.json == "-":
+        raise UsageError("--save and --json cannot both go to standard output.")
+    if not 0 <= options.test_fraction < 0.9:
+        raise UsageError(f"--test-fraction must lie in [0, 0.9), got {options.test_fraction:g}.")
+    recording = read_recording(options.record, options)
+    tell_notes(recording.notes, options.quiet)
+    held_out = last_part(recording.sessions, options.test_fraction)
+    narx = identify(recording, ~held_out, options)
+    metrics = _metrics(narx, recording, held_out)
+    tests = _tests(narx, recording, ~held_out)
+    beside = "-" in (options.save, options.json)
+    say(
+        f"{narx.model_.to_text()}\n\n{narx.summary().to_string(index=False, float_format='%.5g')}\n",
+        beside=beside,
+    )
+    for name, value in metrics.items():
+        say(f"{name.replace('_', ' ')}: {value:.5g}", beside=beside)
+    say(f"\n{tests}", beside=beside)
+    if options.save:
+        write_text(options.save, json.dumps(narx.model_.to_dict(), indent=2) + "\n")
+    if options.json:
+        write_json(
+            options.json, {"model": narx.model_.to_dict(), "metrics": metrics, "residual_tests": tests}
+        )
+
+
+def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor:
+    """Return a regressor fitted to the chosen samples, its lags as asked or cross-validated."""
+    X, sessions = recording.u[chosen], recording.sessions[chosen]
+    outputs = recording.y[chosen]
+    y = outputs.iloc[:, 0] if outputs.shape[1] == 1 else outputs
+    common = {"structure": options.structure, "sampling_period": recording.dt}
+    asked = (options.output_lags, options.input_lags, options.degree)
+    if all(value is None for value in asked) and options.terms is None:
+        search = NARXRegressorCV(
+            delay=(options.delay,), cv=_folds(sessions), rule="one_standard_error", **common
+        )
+        return search.fit(X, y, sessions=sessions).best_estimator_
+    output_lags, input_lags, degree = (value if value is not None else 2 for value in asked)
+    narx = NARXRegressor(
+        output_lags, input_lags, delay=options.delay, degree=degree, n_terms=options.terms, **common
+    )
+    return narx.fit(X, y, sessions=sessions)
+
+
+def _folds(sessions) -> int:
+    """Return the number of folds: fewer on a record too short for five."""
+    return 5 if sessions.size >= 300 else 2
+
+
+def _metrics(narx, recording: Recording, held_out: np.ndarray) -> dict[str, float]:
+    """Return errors on the held-out part, or on all where nothing was held out."""
+    judged = held_out if held_out.any() else np.ones(held_out.size, dtype=bool)
+    where = "held_out" if held_out.any() else "fitted"
+    u, y = recording.u[judged].to_numpy(), recording.y[judged].to_numpy()
+    sessions = recording.sessions[judged]
+    simulated = free_run(narx.model_, u, y_init=y, sessions=sessions).y.reshape(y.shape)
+    predicted = np.asarray(
+        narx.predict_one_step(recording.u[judged], y if y.shape[1] > 1 else y[:, 0], sessions)
+    )
+    known = np.isfinite(simulated).all(axis=1) & np.isfinite(y).all(axis=1)
+    if not known.any():
+        raise DataError(
+            "The free run of the model left the finite range at once; try fewer lags or a lower degree."
+        )
+    one_step = np.where(np.isnan(predicted.reshape(y.shape)), y, predicted.reshape(y.shape))
+    return {
+        f"{where}_free_run_rmse": float(rmse(y[known], simulated[known])),
+        f"{where}_free_run_nrmse": float(nrmse(y[known], simulated[known])),
+        f"{where}_one_step_nrmse": float(nrmse(y[known], one_step[known])),
+    }
+
+
+def _tests(narx, recording: Recording, chosen: np.ndarray):
+    """Return the residual tests of the first output on the fitted part."""
+    y = recording.y[chosen].to_numpy()
+    y = y if y.shape[1] > 1 else y[:, 0]
+    sessions = recording.sessions[chosen]
+    residual = y - narx.predict_one_step(recording.u[chosen], y, sessions)
+    if np.nanstd(residual) <= EXACT * np.nanstd(y):
+        return "The model leaves nothing over: its residuals are zero to rounding."
+    first = (residual.reshape(len(residual), -1)[:, 0], recording.u[chosen], y.reshape(len(y), -1)[:, 0])
+    return residual_tests(*first, sessions=sessions, n_resamples=199).verdict

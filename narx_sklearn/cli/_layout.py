@@ -1,0 +1,147 @@
+"""How a text table is laid out: separator, decimal mark, header, units, read off its first lines."""
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from narx_sklearn._validation import split_unit
+from narx_sklearn.cli._errors import DataError
+
+SEPARATORS = (";", "\t", ",", "|", r"\s+")
+LOOKED_AT = 60  # lines
+MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?", "missing"})
+NUMBER = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$|[+-]?inf(inity)?$", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?$|[+-]?inf(inity)?$", re.IGNORECASE),
+}
+STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?)?$")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a table is written.
+
+    Attributes
+    ----------
+    separator, decimal : str
+        Column separator (``r"\\s+"`` for blanks) and decimal mark.
+    names : tuple of str
+        Column labels, ``"name [unit]"`` where a unit is known.
+    has_header : bool
+        Whether the labels were read; else they are ``column 1`` and so on.
+    first_row : int
+        Line of the file, from 0, at which the values begin.
+    """
+
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    has_header: bool
+    first_row: int
+
+
+def guess_layout(text: str, source: str = "the table") -> Layout:
+    """Read the layout of a table off its first lines.
+
+    Every separator is tried with both decimal marks; the pair under which most cells are numbers or time
+    stamps, in lines of one length, wins; of equals, the one with more columns.
+
+    Parameters
+    ----------
+    text : str
+        The whole file or its beginning.
+    source : str
+        Its name, for messages.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    DataError
+        If there is no line, or no separator gives a table of numbers.
+
+    Examples
+    --------
+    >>> from narx_sklearn.cli._layout import guess_layout
+    >>> layout = guess_layout("time [s];drive [V]\\n0,0;1,5\\n0,1;2,5\\n")
+    >>> layout.separator, layout.decimal, layout.names, layout.first_row
+    (';', ',', ('time [s]', 'drive [V]'), 1)
+    """
+    lines = [(i, line) for i, line in enumerate(text.splitlines()) if line.strip()]
+    lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")][:LOOKED_AT]
+    if not lines:
+        raise DataError(f"{source} is empty: it holds no line of values.")
+    best = None
+    for separator in SEPARATORS:
+        rows = [split(line, separator) for _, line in lines]
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        regular = [row for row in rows if len(row) == width]
+        for decimal in (".", ","):
+            if decimal == separator:
+                continue
+            body = regular[2:] or regular[1:] or regular
+            good = sum(is_value(cell, decimal) for row in body for cell in row)
+            share = good / (len(body) * width) * len(regular) / len(rows)
+            rank = (round(share, 2), width, decimal == ".")
+            if good and (best is None or rank > best[0]):
+                best = rank, separator, decimal, rows, width
+    if best is None or best[0][0] < 0.4:
+        raise DataError(
+            f"{source} does not look like a table of numbers. Wanted is one line for each sample, its values "
+            "separated by comma, semicolon, tab or blanks, with a first line such as "
+            "'time [s],drive [V],position [m]'."
+        )
+    _, separator, decimal, rows, width = best
+    names, has_header, first = _header(rows, width, decimal)
+    row = lines[first][0] if first < len(lines) else len(text.splitlines())
+    if first >= len(lines):
+        raise DataError(f"{source} has a header but no line of values.")
+    return Layout(separator, decimal, names, has_header, row)
+
+
+def _header(rows: list[list[str]], width: int, decimal: str) -> tuple[tuple[str, ...], bool, int]:
+    """Return labels, whether they were read, and the row at which the values begin."""
+    first = next((i for i, row in enumerate(rows) if _is_data(row, width, decimal)), len(rows))
+    above = [row for row in rows[:first] if len(row) == width]
+    if not above:
+        return tuple(f"column {i + 1}" for i in range(width)), False, first
+    labels = above[0] if len(above) == 1 or not _are_units(above[-1]) else above[-2]
+    if len(above) > 1 and _are_units(above[-1]):
+        labels = [_with_unit(label, unit) for label, unit in zip(labels, above[-1], strict=True)]
+    elif len(above) > 1:
+        labels = above[-1]
+    labels = [label.strip() or f"column {i + 1}" for i, label in enumerate(labels)]
+    return tuple(labels), True, first
+
+
+def _is_data(row: list[str], width: int, decimal: str) -> bool:
+    """Tell whether a row holds values: mostly numbers, the rest missing or a mistake to be told later."""
+    if len(row) != width:
+        return False
+    numbers = sum(is_value(cell, decimal) and cell.strip().lower() not in MISSING for cell in row)
+    return numbers > 0 and numbers >= sum(not is_value(cell, decimal) for cell in row)
+
+
+def _are_units(row: list[str]) -> bool:
+    return all(len(cell.strip().strip("[]()")) <= 8 and split_unit(cell)[0] is not None for cell in row)
+
+
+def _with_unit(label: str, unit: str) -> str:
+    unit = unit.strip().strip("[]()")
+    return f"{label.strip()} [{unit}]" if unit and split_unit(label)[1] is None else label.strip()
+
+
+def is_value(cell: str, decimal: str) -> bool:
+    """Tell whether a cell is a number, a time stamp, or a mark for a missing value."""
+    cell = cell.strip()
+    return cell.lower() in MISSING or bool(NUMBER[decimal].match(cell) or STAMP.match(cell))
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Split one line; quoted cells stay whole."""
+    if separator == r"\s+":
+        return line.split()
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))

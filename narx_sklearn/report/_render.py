@@ -1,0 +1,375 @@
+"""The report of a diagnosis as one HTML file that needs nothing else."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from narx_sklearn.analysis.residuals import residual_tests
+from narx_sklearn.discrepancy.results import VERDICTS
+from narx_sklearn.report._curves import effect_curves
+from narx_sklearn.report._figures import (
+    before_and_after,
+    effect_figure,
+    residual_figure,
+    state_plane,
+    time_line,
+)
+from narx_sklearn.report._runs import WORDS, Material, gather, noise_left, whitened
+from narx_sklearn.report._words import (
+    TableText,
+    finding_table,
+    headline,
+    next_steps,
+    noise_table,
+    number,
+    p_text,
+    parameter_table,
+    percent,
+    readable,
+    residual_sentence,
+    residual_table,
+    score_table,
+    settings_table,
+    to_table,
+)
+
+TEMPLATES = Path(__file__).parent / "templates"
+N_RESAMPLES = 199  # of the residual tests
+FEWEST_RESIDUALS = 200  # held-out samples, below which they are made on the fitting windows
+MOST_DOTS = 4000
+SHOWN = 2000  # samples of a held-out stretch in its figure
+
+
+def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", notes=(), experiment=None) -> str:
+    """Return the report of a fitted diagnosis as an HTML page.
+
+    Parameters
+    ----------
+    dx : DiscrepancyRegressor
+        Fitted.
+    X : array-like or DataFrame of shape (n_samples, n_inputs)
+        Inputs that it was fitted to.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Outputs that it was fitted to.
+    sessions : array-like of shape (n_samples,), default=None
+        Labels that it was fitted with.
+    title : str, default="Diagnosis"
+        Heading of the page.
+    source : str, default=""
+        Where the record came from, for the reader.
+    notes : sequence of str, default=()
+        Remarks on how the record was read.
+    experiment : Experiment, default=None
+        A proposed experiment, to be told under what to try next.
+
+    Returns
+    -------
+    str
+        One self-contained page: figures are inline SVG, and nothing is loaded from anywhere.
+
+    Raises
+    ------
+    ImportError
+        If jinja2 or matplotlib is missing; says what to install.
+    ValueError
+        If the record is not the one that was diagnosed.
+
+    See Also
+    --------
+    write_report : Write it to a file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+    >>> from narx_sklearn.report import render_report
+    >>> def tank(x, u, p):
+    ...     return (p[0] * u[0] - p[1] * x[0],)
+    >>> sim = ODESimulator(tank, dt=0.1, parameters={"gain [m/s/V]": 1.0, "outflow [1/s]": 0.5},
+    ...                    states=["level [m]"], inputs=["pump [V]"])
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.uniform(0, 2, 120), 10)
+    >>> y = sim.simulate(u)[:, 0] + 0.01 * rng.normal(size=u.size)
+    >>> dx = DiscrepancyRegressor(sim, effects=["root_outflow"]).fit(u, y)
+    >>> page = render_report(dx, u, y)
+    >>> page.count("<svg")
+    4
+    """
+    template = _environment().get_template("report.html.jinja")
+    material = gather(dx, X, y, sessions)
+    outputs = [str(signal) for signal in material.simulator.outputs]
+    return template.render(
+        title=title,
+        source=source,
+        notes=notes,
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        verdict=dx.verdict_,
+        verdict_sentence=VERDICTS[dx.verdict_],
+        headline=headline(dx),
+        p_value=p_text(dx.p_value_),
+        facts=_facts(dx, material),
+        where=_where(dx, material, outputs),
+        what=_what(dx, material),
+        parameters=None if dx.parameters_.empty else parameter_table(dx),
+        proof=_proof(dx, material, outputs),
+        residuals=_residuals(dx, material, outputs),
+        steps=next_steps(dx, experiment),
+        noise=noise_table(dx),
+        settings=settings_table(dx),
+        simulator=repr(material.simulator),
+    )
+
+
+def write_report(dx, path, X, y, **options) -> None:
+    """Write the report of a fitted diagnosis to a file.
+
+    Parameters
+    ----------
+    dx : DiscrepancyRegressor
+        Fitted.
+    path : str or path-like
+        The HTML file.
+    X, y : array-like
+        The record, as for `render_report`.
+    **options
+        Further arguments of `render_report`.
+
+    Raises
+    ------
+    ImportError, ValueError
+        As `render_report`.
+
+    See Also
+    --------
+    render_report : Return it as text; with an example.
+    """
+    Path(path).write_text(render_report(dx, X, y, **options), encoding="utf-8")
+
+
+def _environment():
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError as error:
+        raise ImportError('The report is made with jinja2: pip install "narx-sklearn[report]"') from error
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _figure(svg: str, caption: str) -> dict:
+    from markupsafe import Markup
+
+    return {"svg": Markup(svg), "caption": caption}  # matplotlib escapes what its texts contain
+
+
+def _facts(dx, material: Material) -> list[tuple[str, str]]:
+    """Return the numbers at the top, with what they are."""
+    n = len(material.u)
+    facts = [("samples", f"{n}"), ("sampling period", f"{number(material.simulator.dt)} s")]
+    facts.append(("p that nothing is missing", p_text(dx.p_value_)))
+    if not dx.scores_.empty:
+        error = dx.scores_["nrmse"]
+        facts += [(f"held-out error, {WORDS[run]}", percent(error[run])) for run in error.index]
+    return facts
+
+
+def _where(dx, material: Material, outputs) -> dict:
+    """Return figures and tables of where the mismatch is."""
+    location = getattr(dx, "location_", None)
+    segments = location.segments if location is not None else None
+    column = int(np.argmax(_relative_error(material)))
+    residual = material.residual[:, column]
+    seen = np.isfinite(residual)
+    dt = material.simulator.dt
+    t = dt * np.arange(len(residual))  # one axis for all sessions
+    shaded = (
+        []
+        if segments is None
+        else [(a * dt, b * dt) for a, b in zip(segments["start"], segments["stop"], strict=True)]
+    )
+    caption = f"{outputs[column]}: recorded, and simulated with refitted parameters window by window."
+    if shaded:
+        caption += " Shaded: where the mismatch is larger than elsewhere."
+    last = int(np.flatnonzero(seen)[-1]) + 1
+    figures = [
+        _figure(
+            time_line(
+                t[:last],
+                material.y[:last, column],
+                material.before.y[:last, column],
+                residual[:last],
+                shaded,
+                outputs[column],
+                caption,
+            ),
+            caption,
+        )
+    ]
+    figures.append(_state_figure(dx, material, column, seen))
+    return {"figures": figures, "tables": _location_tables(location)}
+
+
+def _relative_error(material: Material) -> np.ndarray:
+    """Return each output's refitted error over its spread."""
+    spread = np.nanstd(material.y, axis=0)
+    return np.sqrt(np.nanmean(material.residual**2, axis=0)) / np.where(spread > 0, spread, 1.0)
+
+
+def _state_figure(dx, material: Material, column: int, seen) -> dict:
+    x = material.before.x
+    states = [str(signal) for signal in material.simulator.states]
+    rows = np.flatnonzero(seen & np.isfinite(x).all(axis=1))
+    rows = rows[:: -(-rows.size // MOST_DOTS)]
+    if len(states) > 1:
+        a, b, labels = x[rows, 0], x[rows, 1], states[:2]
+    else:
+        a, b, labels = (
+            material.u[rows, 0],
+            material.y[rows, column],
+            [str(material.simulator.inputs[0]), states[0]],
+        )
+    size = np.abs(material.residual[rows, column])
+    size = size / max(size.max(), 1e-300)
+    caption = (
+        f"Where in {labels[0]} and {labels[1]} the mismatch is: each dot a sample, redder where it is larger."
+    )
+    return _figure(state_plane(a, b, size, *labels, caption), caption)
+
+
+def _location_tables(location) -> list[TableText]:
+    if location is None:
+        return []
+    segments = {
+        "start_s": "from [s]",
+        "stop_s": "to [s]",
+        "share": "share of the error",
+        "time_share": "share of the time",
+        "p_value": "p",
+        "event": "just before it",
+    }
+    regions = {
+        "rule": "where",
+        "share": "share of the error",
+        "time_share": "share of the time",
+        "lift": "times the average",
+        "p_value": "p",
+    }
+    ports = {
+        "kind": "kind",
+        "name": "port",
+        "unit": "unit",
+        "share": "share of the error",
+        "p_value": "p of nothing",
+        "p_best": "p of being the place",
+        "tied": "may be the place",
+    }
+    bands = {
+        "f_low": "from [Hz]",
+        "f_high": "to [Hz]",
+        "share": "share of the error",
+        "excess": "times the noise",
+        "p_value": "p",
+    }
+    kept = location.bands[location.bands["kept"]] if "kept" in location.bands else location.bands
+    tables = [
+        to_table(
+            location.regions, "Regions of operation that hold more of the error than of the time", regions
+        ),
+        to_table(location.ports, "Where in the equations it enters, best first", ports),
+        to_table(location.segments, "Stretches of time with more error than the rest", segments),
+        to_table(kept, "Frequencies above the noise", bands),
+    ]
+    return [table for table in tables if table.rows]
+
+
+def _what(dx, material: Material) -> list[dict]:
+    """Return the findings with their tables and curves."""
+    found = []
+    curves = effect_curves(dx, material)
+    for rank, (finding, curve) in enumerate(zip(dx.findings_, curves, strict=True), start=1):
+        caption = (
+            f"{finding.title}: {curve.y_label} against {curve.x_label}, as fitted and as the data ask for."
+        )
+        bins = to_table(
+            curve.table,
+            "The curve in numbers (medians in bins, 95 % intervals)",
+            {
+                "argument": curve.x_label,
+                "force": curve.y_label,
+                "low": "from",
+                "high": "to",
+                "fitted": "as fitted",
+                "count": "samples",
+            },
+        )
+        found.append(
+            {
+                "rank": rank,
+                "lookalikes": readable(finding.lookalikes),
+                "finding": finding,
+                "table": finding_table(finding, dx.level),
+                "figure": _figure(effect_figure(curve, caption), caption),
+                "bins": bins,
+            }
+        )
+    return found
+
+
+def _proof(dx, material: Material, outputs) -> dict | None:
+    """Return the held-out comparison, None where nothing was held out."""
+    if dx.scores_.empty or not material.held_out:
+        return None
+    longest = max(material.held_out, key=lambda part: part.rows.stop - part.rows.start)
+    n = min(longest.rows.stop - longest.rows.start, SHOWN)
+    rows = slice(longest.rows.start, longest.rows.start + n)
+    after = "corrected" if dx.findings_ else "parameters refitted"
+    before = "parameters refitted" if dx.findings_ else "as it was"
+    keys = ("refitted", "augmented") if dx.findings_ else ("nominal", "refitted")
+    figures = []
+    for column, label in enumerate(outputs):
+        caption = (
+            f"{label} on held-out data: recorded, {before}, {after}. Free runs; the fit saw nothing of it."
+        )
+        runs = {word: longest.y[key][:n, column] for word, key in zip((before, after), keys, strict=True)}
+        svg = before_and_after(material.time[rows], material.y[rows, column], runs, label, caption)
+        figures.append(_figure(svg, caption))
+    return {"figures": figures, "table": score_table(dx)}
+
+
+def _residuals(dx, material: Material, outputs) -> list[dict]:
+    """Return the residual tests of each output, on held-out data where there is enough of it."""
+    rest = np.full_like(material.y, np.nan)
+    for part in material.held_out:
+        inside = slice(part.rows.start + part.n_init, part.rows.stop)
+        rest[inside] = material.y[inside] - part.y["augmented"][part.n_init :]
+    where = "held-out data"
+    if np.isfinite(rest).all(axis=1).sum() < FEWEST_RESIDUALS:
+        rest, where = material.y - material.after.y, "the fitting windows"
+    left = whitened(rest, noise_left(dx, material), material.sessions)
+    told = []
+    for column, label in enumerate(outputs):
+        tests = residual_tests(
+            left[:, column],
+            material.u,
+            material.y[:, column],
+            sessions=material.sessions,
+            n_resamples=N_RESAMPLES,
+            random_state=0,
+        )
+        caption = (
+            f"Correlations of what is left of {label} on {where}, the noise's own colour taken out. "
+            "Shaded: bounds; u the input, xi what is left."
+        )
+        told.append(
+            {
+                "verdict": residual_sentence(tests),
+                "figure": _figure(residual_figure(tests.tests, caption), caption),
+                "table": residual_table(tests, label),
+            }
+        )
+    return told

@@ -1,0 +1,142 @@
+"""The runs that a report shows: along the fitting windows, and freely over what was held out."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn._validation import finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.simulator import Run, Simulator
+from narx_sklearn.discrepancy.verify import free_run
+
+WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}
+
+
+class HeldOut(NamedTuple):
+    """One stretch that no decision has seen, run freely by each simulation."""
+
+    rows: slice
+    n_init: int  # samples to which the initial state was fitted, not counted as error
+    y: dict[str, np.ndarray]  # run -> (n, n_outputs)
+
+
+class Material(NamedTuple):
+    """A fitted diagnosis with its record, as arrays."""
+
+    simulator: Simulator  # as given, ready to run
+    u: np.ndarray  # (n_samples, n_inputs)
+    y: np.ndarray  # (n_samples, n_outputs)
+    sessions: np.ndarray | None
+    time: np.ndarray  # (n_samples,) seconds since the session began
+    before: Run  # refitted simulation over the fitting windows
+    after: Run  # corrected simulation over the fitting windows
+    p: np.ndarray  # (n_parameters,) of the corrected simulation
+    effects: tuple[PlacedEffect, ...]  # that the findings tell of, one each
+    held_out: tuple[HeldOut, ...]
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Measured minus refitted output on the fitting windows, (n_samples, n_outputs); NaN elsewhere."""
+        return self.y - self.before.y
+
+
+def gather(dx, X, y, sessions=None) -> Material:
+    """Run a fitted diagnosis again over its record.
+
+    Parameters
+    ----------
+    dx : DiscrepancyRegressor
+        Fitted.
+    X, y, sessions
+        What it was fitted to.
+
+    Returns
+    -------
+    Material
+    """
+    u, measured = (np.array(signals) for signals in dx._read(X, y))  # kernels take what may be written
+    diagnosis = dx._diagnosis
+    if len(u) != len(diagnosis.problem.u):
+        raise ValueError(
+            f"The record that was diagnosed has {len(diagnosis.problem.u)} samples, X has {len(u)}. "
+            "Pass the X and y that fit() was given."
+        )
+    time = np.concatenate(
+        [
+            diagnosis.problem.simulator.dt * np.arange(piece.stop - piece.start)
+            for piece in session_slices(sessions, len(u))
+        ]
+    )
+    candidate = _candidate(dx)
+    return Material(
+        diagnosis.problem.simulator,
+        u,
+        measured,
+        sessions,
+        time,
+        diagnosis.base_run,
+        diagnosis.problem.run(candidate.fit.model),
+        candidate.fit.model.p,
+        candidate.effects,
+        _held_out(dx, u, measured, sessions),
+    )
+
+
+def _candidate(dx):
+    """Return the fitted set of effects that the findings are of: the named one or the unnamed curve."""
+    told = [tuple(finding.parameters.values()) for finding in dx.findings_]
+    for candidate in (dx._diagnosis.best, dx._diagnosis.unnamed):
+        if candidate is not None and [tuple(map(float, e.theta)) for e in candidate.effects] == told:
+            return candidate
+    return dx._diagnosis.best
+
+
+def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
+    simulators = {
+        "nominal": dx._diagnosis.problem.simulator,
+        "refitted": dx.refitted_simulator_,
+        "augmented": dx.simulator_,
+    }
+    found = []
+    for piece in finite_slices(session_slices(sessions, len(u)), finite_rows(u)):
+        n = piece.stop - piece.start
+        rows = slice(piece.stop - round(dx.test_fraction * n), piece.stop)
+        n_init = min(dx._n_init, (rows.stop - rows.start) // 2)
+        if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
+            continue
+        runs = {
+            name: free_run(simulator, u[rows], y[rows], n_init, dx._guess).y
+            for name, simulator in simulators.items()
+        }
+        found.append(HeldOut(rows, n_init, runs))
+    return tuple(found)
+
+
+def noise_left(dx, material: Material) -> Noise:
+    """Estimate the colour of what the corrected simulation leaves on the fitting windows."""
+    problem = dx._diagnosis.problem
+    return estimate_noise(problem.raw(np.nan_to_num(material.y - material.after.y)), problem.seen)
+
+
+def whitened(residual: np.ndarray, noise: Noise, sessions=None) -> np.ndarray:
+    """Take the noise's colour out of residuals, (n_samples, n_outputs), stretch by stretch.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_outputs)
+        Innovations over their standard deviation; NaN where a stretch is too young for them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.noise import Noise
+    >>> from narx_sklearn.report._runs import whitened
+    >>> whitened(np.array([[1.0], [2.0], [3.0]]), Noise((np.array([0.5]),), np.array([1.0])))[:, 0].tolist()
+    [nan, 1.5, 2.0]
+    """
+    e = np.full_like(residual, np.nan)
+    for piece in finite_slices(session_slices(sessions, len(residual)), finite_rows(residual)):
+        e[piece] = noise.innovations(residual[None, piece])[0]
+        e[piece][: noise.order] = np.nan
+    return e

@@ -1,0 +1,217 @@
+"""The HTML report: complete in itself, escaped, readable by machines and people, and quiet in a browser."""
+
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.report import render_report, write_report
+from narx_sklearn.report._curves import effect_curves
+from narx_sklearn.report._figures import thinned
+from narx_sklearn.report._runs import gather, whitened
+from narx_sklearn.report._words import number
+
+pytest.importorskip("jinja2")
+pytest.importorskip("matplotlib")
+
+HOSTILE = "<script>alert('x')</script> & \"$a_b$\" -->"
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+CUBIC = 15.0
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def true_stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - CUBIC * x[0] ** 3
+
+
+def diagnosed(truth, names=("drive", "position"), effects=("cubic_stiffness", "quadratic_drag")):
+    """Return a fitted diagnosis and its record."""
+    about = {"dt": 0.05, "states": [f"{names[1]} [m]", "velocity [m/s]"], "inputs": [f"{names[0]} [V]"]}
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0, 3, 100), 10)
+    exact = {"gain [m/s^2/V]": 1.1, "damping [1/s]": 0.7, "stiffness [1/s^2]": 11.0}
+    y = ODESimulator(truth, parameters=exact, **about).simulate(u)[:, 0] + 0.005 * rng.normal(size=u.size)
+    nominal = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0}
+    simulator = ODESimulator(stage, parameters=nominal, **about)
+    return DiscrepancyRegressor(simulator, effects=list(effects)).fit(u, y), u, y
+
+
+@pytest.fixture(scope="module")
+def case():
+    return diagnosed(true_stage)
+
+
+@pytest.fixture(scope="module")
+def page(case):
+    return render_report(*case, title="Bench 7", source="bench.csv", notes=["Read with commas."])
+
+
+class Page(HTMLParser):
+    """What a page holds: its elements with their attributes, and its text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.text = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def test_the_verdict_stands_in_one_sentence_at_the_top(page, case):
+    top = page[page.index("<h1>") : page.index("</h1>")]
+    assert case[0].verdict_ in top
+    assert "Cubic" in top or "cubic" in top
+
+
+def test_nothing_is_loaded_from_anywhere(page):
+    parsed = Page(page)
+    links = [
+        value
+        for _, attributes in parsed.elements
+        for key, value in attributes.items()
+        if key in ("src", "href", "xlink:href", "action", "data")
+    ]
+    assert links
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert not parsed.all("script")
+    assert "@import" not in page
+    assert "default-src 'none'" in page
+
+
+def test_figures_are_named_captioned_and_have_ids_of_their_own(page):
+    parsed = Page(page)
+    pictures = [attributes for attributes in parsed.all("svg") if "role" in attributes]
+    assert len(pictures) == len(parsed.all("figure")) == len(parsed.all("figcaption"))
+    assert all(picture["role"] == "img" and len(picture["aria-label"]) > 20 for picture in pictures)
+    ids = [attributes["id"] for _, attributes in parsed.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    links = {a["xlink:href"][1:] for _, a in parsed.elements if a.get("xlink:href", "").startswith("#")}
+    assert links <= set(ids)
+
+
+def test_tables_have_captions_and_headings(page):
+    parsed = Page(page)
+    assert len(parsed.all("table")) >= 6
+    assert all(cell["scope"] in ("row", "col") for cell in parsed.all("th"))
+
+
+def test_the_numbers_of_the_diagnosis_are_in_the_page(page, case):
+    dx = case[0]
+    for finding in dx.findings_:
+        for value in finding.parameters.values():
+            assert f"<td>{number(value)}</td>" in page
+    for value in dx.parameters_["augmented"]:
+        assert f"<td>{number(value)}</td>" in page
+    assert "Bench 7" in page
+    assert "Read with commas." in page
+    assert "random_state" in page
+
+
+@pytest.fixture(scope="module")
+def hostile_page():
+    dx, u, y = diagnosed(true_stage, names=(HOSTILE, f"2{HOSTILE}"))
+    return render_report(dx, u, y, title=HOSTILE, source=HOSTILE, notes=[HOSTILE])
+
+
+def test_hostile_names_stay_text(hostile_page):
+    assert "<script" not in hostile_page.lower()
+    parsed = Page(hostile_page)
+    assert not parsed.all("script")
+    assert any("<script>alert('x')</script>" in text for text in parsed.text)
+
+
+def test_a_consistent_simulation_gets_a_report_without_findings():
+    dx, u, y = diagnosed(stage)
+    assert dx.verdict_ in ("refit", "consistent")
+    page = render_report(dx, u, y)
+    assert "No effect was added." in page
+
+
+def test_the_curve_of_the_data_is_found_without_the_effect(case):
+    dx, X, y = case
+    material = gather(dx, X, y)
+    curve = effect_curves(dx, material)[0]
+    inner = curve.table[curve.table["argument"].abs().between(0.2, 0.8)]
+    # the smoother sees only the record and the linear stage, and rounds off peaks: a tenth of them
+    truth = -CUBIC * inner["argument"] ** 3
+    np.testing.assert_allclose(inner["force"], truth, atol=0.1 * truth.abs().max() + 0.2)
+    (k3,) = dx.findings_[0].parameters.values()
+    np.testing.assert_allclose(curve.fitted, -k3 * curve.argument**3, rtol=1e-9)
+
+
+def test_another_record_is_refused(case):
+    with pytest.raises(ValueError, match=r"has 1000 samples, X has 900\. Pass the X"):
+        render_report(case[0], case[1][:900], case[2][:900])
+
+
+def test_the_same_diagnosis_gives_the_same_page(case, page):
+    again = render_report(*case, title="Bench 7", source="bench.csv", notes=["Read with commas."])
+    assert again.partition("<footer>")[0] == page.partition("<footer>")[0]
+
+
+def test_thinning_keeps_extremes_and_order():
+    x, y = np.arange(10_000.0), np.zeros(10_000)
+    y[[1234, 8765]] = 5.0, -7.0
+    short_x, short_y = thinned(x, y)
+    assert short_x.size <= 2 * 900
+    assert (np.diff(short_x) > 0).all()
+    assert {1234.0, 8765.0} <= set(short_x)
+    assert short_y.max() == 5.0
+    assert short_y.min() == -7.0
+
+
+def test_whitening_inverts_an_autoregression_and_stops_at_sessions():
+    rng = np.random.default_rng(0)
+    e, r = rng.normal(size=200), np.zeros(200)
+    for k in range(200):
+        r[k] = e[k] + (0.7 * r[k - 1] if k % 100 else 0.0)
+    noise = Noise((np.array([0.7]),), np.ones(1))
+    found = whitened(r[:, None], noise, np.repeat([0, 1], 100))[:, 0]
+    assert np.isnan(found[[0, 100]]).all()
+    np.testing.assert_allclose(np.delete(found, [0, 100]), np.delete(e, [0, 100]), atol=1e-12)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs a chromium")
+@pytest.mark.parametrize("which", ["page", "hostile_page"])
+def test_a_browser_shows_the_page_and_has_nothing_to_complain_of(which, request, tmp_path):
+    path, shot = tmp_path / "report.html", tmp_path / "report.png"
+    path.write_text(request.getfixturevalue(which), encoding="utf-8")
+    quiet = ["--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+    quiet += [
+        "--disable-component-update",
+        "--disable-sync",
+        "--no-sandbox",
+        f"--user-data-dir={tmp_path / 'user'}",
+    ]
+    done = subprocess.run(
+        [CHROMIUM, "--headless", *quiet, "--enable-logging=stderr", f"--screenshot={shot}", path.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert shot.stat().st_size > 20_000
+    assert "CONSOLE" not in done.stderr
+
+
+def test_a_report_is_written_to_a_file_from_a_dataframe(case, tmp_path):
+    dx, u, y = case
+    write_report(dx, tmp_path / "report.html", pd.DataFrame({"drive [V]": u}), pd.Series(y))
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
