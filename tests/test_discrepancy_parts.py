@@ -1,4 +1,4 @@
-"""Parts of the diagnosis: windows, projection, fits, the test, intervals, each against a slow or hand-worked form."""
+"""Parts of the diagnosis: windows, projection, fits, test, intervals, against slow or hand-worked forms."""
 
 import numpy as np
 import pytest

@@ -47,5 +47,5 @@ def _names(data, letter: str) -> tuple[str, ...]:
     labels = column_labels(data)
     if labels is None:
         values = np.asarray(data)
-        labels = range(1 if values.ndim == 1 else values.shape[1])
+        labels = list(range(1 if values.ndim == 1 else values.shape[1]))
     return signal_names(labels, letter)

@@ -157,7 +157,7 @@ class _Writer:
     def expression(self, equation: Polynomial) -> str:
         """Return a polynomial as an expression of the window's macros."""
         h = self.law.horizon
-        parts = []
+        parts: list[str] = []
         for term, value in equation.items:
             factors = [f"{self.macro[v.signal]}({v.lag + h})" for v in term.expanded]
             size = _number(abs(value))

@@ -96,7 +96,7 @@ class PIDState:
         self.controller = controller
         self.integral = 0.0
         self.derivative = 0.0
-        self.error = None
+        self.error: float | None = None
 
     def step(self, error: float) -> float:
         """Take the newest error, return the correction."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw
 from narx_sklearn.model.narx import NARXModel, replace_name
@@ -180,7 +181,7 @@ def root_law(model: NARXModel, *, input_name: str | None = None) -> Compensation
         As `root_polynomials`, but for models that are no polynomials.
     """
     redirected = redirect(model, input_name)
-    fields = {"others": redirected.others, "keeps_rest": redirected.rests}
+    fields: dict[str, Any] = {"others": redirected.others, "keeps_rest": redirected.rests}
     regimes = _regimes(redirected)
     if regimes is None:
         equation = redirected.side - Polynomial.variable(redirected.target)

@@ -189,7 +189,7 @@ class InverseCompensator(Compensator):
         if self.denoise is None:
             return as_signals(y, "y")[:, 0]
         if isinstance(self.denoise, Integral) and not isinstance(self.denoise, bool):
-            return smooth_output(y, self.denoise, sessions=sessions)
+            return smooth_output(y, int(self.denoise), sessions=sessions)
         if self.denoise == "model":
             regressor = direct_regressor(X, y)
         elif hasattr(self.denoise, "fit"):

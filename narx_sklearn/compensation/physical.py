@@ -1,5 +1,8 @@
 """Compensators from models of hysteresis itself: Prandtl-Ishlinskii inverse, Bouc-Wen multiplicative."""
 
+from typing import Any
+
+import numpy as np
 from sklearn.base import clone
 
 from narx_sklearn._validation import as_signals
@@ -62,14 +65,16 @@ class PrandtlIshlinskiiCompensator(Compensator):
 
     def _identify_law(self, X, y, sessions):
         if isinstance(self.model, PrandtlIshlinskiiOperator):
-            self.model_ = self.model
+            operator = self.model
         else:
             u, y = _record(X, y, sessions, "a PrandtlIshlinskiiOperator")
             default = PrandtlIshlinskii(min_slope=1e-3 * y.std() / (u.std() or 1.0))
-            self.model_ = (default if self.model is None else clone(self.model)).fit(u, y).operator_
-        inverse = self.model_.inverse()
+            operator = (default if self.model is None else clone(self.model)).fit(u, y).operator_
+        self.model_: Any = operator
+        inverse = operator.inverse()
         # the plays see r itself: play j of (r - offset) is play j of r, less the offset
         elements, parts, states = [], [Polynomial.constant(inverse.output_offset)], {}
+        initial = np.zeros(len(inverse.radii)) if inverse.initial_state is None else inverse.initial_state
         for j, (radius, weight) in enumerate(zip(inverse.radii, inverse.weights, strict=True)):
             if radius == 0.0:
                 parts.append(weight * (Polynomial.variable(f"{REFERENCE}[k]") - inverse.input_offset))
@@ -77,7 +82,7 @@ class PrandtlIshlinskiiCompensator(Compensator):
             name = f"p{j}"
             elements.append(Play(REFERENCE, radius=radius, name=name))
             parts.append(weight * (Polynomial.variable(f"{name}[k]") - inverse.input_offset))
-            states[name] = inverse.initial_state[j] + inverse.input_offset
+            states[name] = initial[j] + inverse.input_offset
         return CompensationLaw(
             "explicit", (sum(parts, Polynomial()),), tuple(elements), initial_states=states
         )
@@ -134,12 +139,12 @@ class BoucWenCompensator(Compensator):
 
     def _identify_law(self, X, y, sessions):
         if isinstance(self.model, BoucWenModel):
-            self.model_ = self.model
+            bw = self.model
         else:
             u, y = _record(X, y, sessions, "a BoucWenModel")
             regressor = BoucWen(random_state=0) if self.model is None else clone(self.model)
-            self.model_ = regressor.fit(u, y).model_
-        bw = self.model_
+            bw = regressor.fit(u, y).model_
+        self.model_: Any = bw
         if bw.input_gain == 0.0:
             raise ValueError(
                 "The Bouc-Wen model has input_gain 0: no part of the input stands outside the hysteresis, "

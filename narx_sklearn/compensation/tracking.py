@@ -207,7 +207,9 @@ class _ModelStepper:
                 "A model with phi regressors that remember cannot be stepped by its last samples; pass an "
                 "object with step(u)."
             )
-        self.model, self._u, self._y = model, [], []
+        self.model = model
+        self._u: list = []
+        self._y: list = []
 
     def step(self, u):
         depth = self.model.max_lag

@@ -116,8 +116,9 @@ def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = 
     if power.size < 2 * NEIGHBOURS or not power.sum() > 0:
         return 0.0, 1.0
     ratio = _over_neighbours(power)
-    for i in range(0 if u is None else u.shape[2]):
-        driving = np.abs(np.fft.rfft(u[:, :, i].ravel(), n))[1 : (n - 1) // 2 + 1] ** 2
+    columns = [] if u is None else [u[:, :, i].ravel() for i in range(u.shape[2])]
+    for column in columns:
+        driving = np.abs(np.fft.rfft(column, n))[1 : (n - 1) // 2 + 1] ** 2
         near = maximum_filter1d(_over_neighbours(driving), 5)
         ratio = np.where(near > A_LINE, 0.0, ratio)
     ratio[:SLOW] = 0.0

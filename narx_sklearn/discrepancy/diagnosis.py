@@ -204,10 +204,17 @@ def _alternatives(
             for single in [s for s in singles if s.place not in {effect.place, *kept}][:3]:
                 model = start._replace(effects=(*others, single))
                 rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+        # the same effect at another place is a question of where, not of what
+        rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
         found.append(
             tuple(look_alikes(best, sorted(rivals, key=lambda c: c.criterion), problem.y.shape[1])[1:])
         )
     return tuple(found)
+
+
+def _replaced(candidate: Candidate, kept: set) -> set[str]:
+    """Return the codes of the effects that are not among those kept."""
+    return {e.effect.code for e in candidate.effects if e.place not in kept}
 
 
 def _unnamed(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Candidate | None:

@@ -101,6 +101,8 @@ def design_experiment(
         if best is None or worst > best[0]:
             best = (worst, kind, u)
     table = pd.DataFrame(rows).sort_values("separation", ascending=False, ignore_index=True)
+    if best is None:
+        raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
     worst, kind, u = best
     return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
 

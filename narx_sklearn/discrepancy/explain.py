@@ -21,6 +21,7 @@ BEAM = 2  # sets of effects carried to the next depth
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
+PLAIN = 0.5  # share of the residual that one effect explains, from which it is no drift of the noise
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 
@@ -175,7 +176,7 @@ def search(
             hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
-            if rank == 0 and detection.p_value <= alpha:
+            if rank == 0 and detection.p_value <= alpha and _best_share(bank) < PLAIN:
                 detection = cautious(problem, candidate.fit, hypotheses, detection, random_state, n_jobs)
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
@@ -193,6 +194,12 @@ def search(
             break
         beam = pool[:BEAM]
     return steps
+
+
+def _best_share(bank: Bank) -> float:
+    """Return the largest share of the residual's energy that one column takes off."""
+    energy = float(np.einsum("wt,wt->", bank.residual, bank.residual))
+    return float(gains(bank).gain.max(initial=0.0)) / max(energy, 1e-300)
 
 
 def cautious(

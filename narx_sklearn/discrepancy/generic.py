@@ -43,11 +43,11 @@ def _transform(signal, second, dt, theta, first):
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
     """Return an unnamed curve for each port and argument, its knots spread over what the run visits."""
     found = []
-    for i in np.flatnonzero(structure.inputs.any(axis=0)):
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
         found.append(_at(Port("input", int(i)), (), simulator.inputs[i], u[:, i]))
     for i, signal in enumerate(simulator.outputs):
         found.append(_at(Port("output", i), (), signal, y[:, i]))
-    for i in np.flatnonzero(~structure.kinematic):
+    for i in np.flatnonzero(~structure.kinematic).tolist():
         seen = set()
         for kind in ("own", "position", "any"):
             for weights, name, unit in _arguments(kind, int(i), simulator, structure):

@@ -67,7 +67,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     seconds = _seconds(effect, simulator, structure)
     found = []
     if "input" in effect.ports:
-        for i in np.flatnonzero(structure.inputs.any(axis=0)):
+        for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
             signal = simulator.inputs[i]
             for second in seconds:
                 if second != i:
@@ -95,7 +95,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                     )
                 )
     if "state" in effect.ports:
-        for i in np.flatnonzero(~structure.kinematic):
+        for i in np.flatnonzero(~structure.kinematic).tolist():
             if effect.code in LEVELS_ONLY and structure.partner[i] >= 0:
                 continue
             for weights, name, unit in _arguments(effect.argument, int(i), simulator, structure):

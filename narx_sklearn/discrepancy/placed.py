@@ -12,7 +12,7 @@ class Port(NamedTuple):
     """Where something enters a simulator."""
 
     kind: str  # "input", "state" or "output"
-    index: int  # counted from zero
+    index: int  # type: ignore[assignment]  # counted from zero
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.index}"

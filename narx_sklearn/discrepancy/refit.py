@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.simulator import Run, Windows
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
 ITERATIONS = 25
-GIVE_UP = 12  # dampings tried in one iteration
+GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 
 
 class Fit(NamedTuple):
@@ -110,7 +110,9 @@ def fit(
         movable &= diagonal > 0
         index = np.flatnonzero(movable)
         previous = cost
-        for _ in range(GIVE_UP):
+        for attempt in range(2 * GIVE_UP):
+            if attempt == GIVE_UP:
+                damping = 1e-3
             move = np.zeros(n_q)
             if index.size:
                 size = np.sqrt(diagonal[index])
@@ -122,7 +124,7 @@ def fit(
             left = residual - np.einsum("wtk,k->wt", J_full, target - q)
             x0[:, chosen] += np.einsum("wkt,wt->wk", projector.inverse, _finite(left))
             trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
-            if not trial.cost < cost:
+            if attempt >= GIVE_UP and not trial.cost < cost:
                 # where friction holds, a state's sensitivity says nothing: such windows keep the old one
                 worse = ~(_by_window(trial.residual) <= _by_window(residual))
                 x0 = np.where(worse[:, None], model.x0, x0)
@@ -132,8 +134,6 @@ def fit(
                 damping = max(damping / 9, 1e-9)
                 break
             damping = max(damping * 6, 1e-6)
-            if damping > 1e9:
-                break
         converged = previous - cost <= tolerance * previous
     return Fit(model, cost, r, J, projector, steps, converged, done)
 

@@ -346,7 +346,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 pool.append(min(having, key=lambda c: c.criterion))
         elif len(pool) < 2:
             pool = sorted(tried, key=lambda c: c.criterion)[:3]
-        rivals = {}
+        rivals: dict[str, Simulator] = {}
         for candidate in pool[:MOST_RIVALS]:
             name = " + ".join(f"{e.effect.code} at {e.port}" for e in candidate.effects) or "nothing"
             model = candidate.fit.model
@@ -481,7 +481,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if (
             self.findings_
             and "removed_high" in self.scores_
-            and self.scores_.loc["augmented", "removed_high"] < 0
+            and float(self.scores_["removed_high"].to_numpy()[-1]) < 0
         ):
             # what was found makes held-out samples worse: it is no explanation, and is not used
             self.verdict_ = "unknown"

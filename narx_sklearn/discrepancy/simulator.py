@@ -57,7 +57,7 @@ class Windows(NamedTuple):
     began: np.ndarray  # (n_windows,) first sample of the session
 
     @property
-    def count(self) -> int:
+    def count(self) -> int:  # type: ignore[override]
         """Number of windows."""
         return self.first.size
 
@@ -158,15 +158,15 @@ class Simulator(ABC):
 
         ``strength`` scales each effect: 1 is the effect as it stands, a small number gives its tangent.
         """
-        p = self.nominal if p is None else np.require(p, dtype=float, requirements=["C", "W"])
+        p = np.require(self.nominal if p is None else p, dtype=float, requirements=["C", "W"])
         effects = self.effects if effects is None else tuple(effects)
-        strength = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
+        share = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
         u = np.require(u, dtype=float, requirements=["C", "W"])
-        driven = _transformed(u, "input", effects, strength, None, self.dt, windows)
+        driven = _transformed(u, "input", effects, share, None, self.dt, windows)
         n_samples = u.shape[0]
         y = np.full((n_samples, len(self.outputs)), np.nan)
         x = np.full((n_samples, len(self.states)), np.nan)
-        forces = [(e, s) for e, s in zip(effects, strength, strict=True) if e.port.kind == "state"]
+        forces = [(e, s) for e, s in zip(effects, share, strict=True) if e.port.kind == "state"]
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
         equation, output = self._equations()
         try:
@@ -191,7 +191,7 @@ class Simulator(ABC):
             )
         except Exception as error:
             raise _stopped_by(error, x, windows, self.dt) from error
-        y = _transformed(y, "output", effects, strength, driven, self.dt, windows)
+        y = _transformed(y, "output", effects, share, driven, self.dt, windows)
         return Run(y, x, z, failed)
 
     def identified(self, u, *, sessions=None) -> "Simulator":

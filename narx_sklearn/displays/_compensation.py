@@ -39,7 +39,7 @@ class CompensationDisplay:
     --------
     >>> import numpy as np
     >>> from narx_sklearn.compensation import BoucWenCompensator
-    >>> from narx_sklearn.displays._compensation import CompensationDisplay
+    >>> from narx_sklearn.displays import CompensationDisplay
     >>> from narx_sklearn.physics import PIEZO_BENCH
     >>> r = 40 * np.sin(2 * np.pi * np.arange(1000) / 1000)
     >>> m = BoucWenCompensator(PIEZO_BENCH).fit().predict(r)

@@ -37,7 +37,7 @@ class HysteresisLoopDisplay:
     Examples
     --------
     >>> from narx_sklearn.analysis import hysteresis_loop
-    >>> from narx_sklearn.displays._hysteresis import HysteresisLoopDisplay
+    >>> from narx_sklearn.displays import HysteresisLoopDisplay
     >>> from narx_sklearn.model import NARXModel, Play
     >>> play = NARXModel.from_equations("phi1[k]", phi=[Play("u", radius=1.0)])
     >>> display = HysteresisLoopDisplay([hysteresis_loop(play, -3.0, 3.0, samples_per_branch=60)])

@@ -41,7 +41,7 @@ class QuasiStaticDisplay:
     Examples
     --------
     >>> from narx_sklearn.analysis import quasi_static_sets
-    >>> from narx_sklearn.displays._quasi_static import QuasiStaticDisplay
+    >>> from narx_sklearn.displays import QuasiStaticDisplay
     >>> from narx_sklearn.model import DifferenceSign, NARXModel
     >>> model = NARXModel.from_equations("0.9*y[k-1] + 0.5*phi2[k-1]", phi=[DifferenceSign("u", name="phi2")])
     >>> len(QuasiStaticDisplay(quasi_static_sets(model, [0.0, 1.0], rate=0.1)).to_frame())

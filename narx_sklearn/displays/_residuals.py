@@ -39,7 +39,7 @@ class ResidualTestsDisplay:
     --------
     >>> import numpy as np
     >>> from narx_sklearn.analysis.residuals import residual_tests
-    >>> from narx_sklearn.displays._residuals import ResidualTestsDisplay
+    >>> from narx_sklearn.displays import ResidualTestsDisplay
     >>> rng = np.random.default_rng(0)
     >>> display = ResidualTestsDisplay(residual_tests(rng.normal(size=300), rng.normal(size=300), max_lag=10))
     >>> len(display.to_frame())

@@ -29,7 +29,7 @@ class StaticCurveDisplay:
     Examples
     --------
     >>> from narx_sklearn.analysis import static_curve
-    >>> from narx_sklearn.displays._static_curve import StaticCurveDisplay
+    >>> from narx_sklearn.displays import StaticCurveDisplay
     >>> from narx_sklearn.model import NARXModel
     >>> curve = static_curve(NARXModel.from_equations("0.8*y[k-1] + 0.1*u[k-1]^2"), [0.0, 1.0, 2.0])
     >>> len(StaticCurveDisplay(curve).to_frame())

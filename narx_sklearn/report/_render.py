@@ -142,7 +142,26 @@ def write_report(dx, path, X, y, **options) -> None:
 
     See Also
     --------
-    render_report : Return it as text; with an example.
+    render_report : Return it as text.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from narx_sklearn import DiscrepancyRegressor, ODESimulator, write_report
+    >>> def tank(x, u, p):
+    ...     return (p[0] * u[0] - p[1] * x[0],)
+    >>> sim = ODESimulator(tank, dt=0.1, parameters={"gain [m/s/V]": 1.0, "outflow [1/s]": 0.5},
+    ...                    states=["level [m]"], inputs=["pump [V]"])
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.normal(size=40), 25)
+    >>> y = sim.simulate(u)[:, 0] + 0.01 * rng.normal(size=1000)
+    >>> dx = DiscrepancyRegressor(sim, effects=["dead_zone"]).fit(u, y)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_report(dx, Path(folder) / "tank.html", u, y)
+    ...     (Path(folder) / "tank.html").stat().st_size > 10_000
+    True
     """
     Path(path).write_text(render_report(dx, X, y, **options), encoding="utf-8")
 

@@ -118,7 +118,7 @@ def _stiction_transform(signal, second, dt, theta, first):
 
 
 def _stiction_starts(setting: Setting) -> np.ndarray:
-    """Bands from a fiftieth of the spread up; the fit finds a wider band from a narrow one, not the reverse."""
+    """Bands from a fiftieth of the spread up: a fit widens a narrow band, but does not narrow a wide one."""
     rows = grid(np.array([0.02, 0.06, 0.2, 0.6]) * spread(setting.argument), [0.3, 1.0])
     return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
 
