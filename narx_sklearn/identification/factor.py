@@ -5,15 +5,22 @@ parts of a record merge, column subsets and column combinations of R are factors
 size, criterion, fold and constraint is worked out on R, whatever the number of samples was.
 """
 
-from collections.abc import Iterable
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import blas, lapack, qr
 
 from narx_sklearn.identification.regressors import Candidates
 
-__all__ = ["Factor", "compress"]
+__all__ = ["Checkpoint", "Factor", "compress"]
+
+FILE_FORMAT = 1  # of saved factors; a change of what is stored raises it
 
 PANEL_COLUMNS = 32  # width of LAPACK's panels: wide enough for matrix products, narrow enough for the cache
 SAMPLE_ROWS = 4  # a multiple of the columns: rows whose factor conditions the others
@@ -76,8 +83,11 @@ class Factor:
         return Factor(_triangle(np.vstack([self.R, other.R])), self.n_outputs, n_samples)
 
     def scaled(self, weight: float) -> "Factor":
-        """Return the factor with every squared sum multiplied by ``weight``, as forgetting does."""
-        return Factor(self.R * np.sqrt(weight), self.n_outputs, self.n_samples)
+        """Return the factor with every squared sum multiplied by ``weight``, as forgetting does.
+
+        It then stands for as many samples as their weights add up to.
+        """
+        return Factor(self.R * np.sqrt(weight), self.n_outputs, round(self.n_samples * weight))
 
     def combine(self, T: np.ndarray) -> "Factor":
         """Return the factor of [Psi, Y] T for a square or tall matrix of column combinations."""
@@ -88,10 +98,129 @@ class Factor:
         chosen = [*columns, *range(self.n_terms, self.R.shape[1])]
         return Factor(_triangle(self.R[:, chosen]), self.n_outputs, self.n_samples)
 
+    def save(self, path, settings: Mapping | None = None) -> None:
+        """Write the factor to a file, with what it was made with.
+
+        The file appears under its name when it is complete, so that an interruption leaves none or all of it.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Where to write.
+        settings : mapping, default=None
+            Texts, numbers, lists of them: candidate terms, origin, whatever another factor must share.
+
+        See Also
+        --------
+        Factor.load : Read it back, refused where the settings differ.
+        """
+        path = Path(path)
+        text = json.dumps({"format": FILE_FORMAT, "settings": dict(settings or {})})
+        unfinished = path.with_name(f"{path.name}.{os.getpid()}.part")
+        try:
+            with open(unfinished, "wb") as file:
+                counts = np.array([self.n_outputs, self.n_samples])
+                np.savez(file, R=self.R, counts=counts, about=np.array(text))
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path, settings: Mapping | None = None) -> "Factor":
+        """Read a factor that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+        settings : mapping, default=None
+            What the factor must have been made with; None takes any.
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        ValueError
+            If the file is not a complete saved factor, or its settings differ.
+        """
+        try:
+            with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+                about = json.loads(str(stored["about"]))
+                n_outputs, n_samples = (int(n) for n in stored["counts"])
+                factor = cls(stored["R"], n_outputs, n_samples)
+        except (ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise ValueError(
+                f"{path} is not a complete saved factor ({error}). Remove it to compute it anew."
+            ) from error
+        if about.get("format") != FILE_FORMAT:
+            raise ValueError(
+                f"{path} has format {about.get('format')!r}, this version reads {FILE_FORMAT}. Remove it to "
+                "compute it anew."
+            )
+        if settings is not None:
+            _refuse_others(path, about["settings"], json.loads(json.dumps(dict(settings))))
+        return factor
+
     def sum_of_squares(self, output: int = 0) -> float:
         """Return y'y of an output."""
         column = self.target(output)
         return float(column @ column)
+
+
+def _refuse_others(path, stored: dict, wanted: dict) -> None:
+    """Raise a ValueError that names the settings in which a saved factor differs from what is wanted."""
+    differing = sorted(name for name in stored.keys() | wanted.keys() if stored.get(name) != wanted.get(name))
+    if differing:
+        shown = "; ".join(
+            f"{name} was {_shortened(stored.get(name))}, is {_shortened(wanted.get(name))}"
+            for name in differing
+        )
+        raise ValueError(
+            f"{path} was saved with other settings: {shown}. Go on with the settings it was saved with, or "
+            "choose another place."
+        )
+
+
+def _shortened(value, length: int = 80) -> str:
+    text = repr(value)
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A folder in which a long pass over a record leaves the factors of its groups of blocks.
+
+    A pass that was interrupted takes from it what is there, and computes the rest.
+
+    Attributes
+    ----------
+    folder : path-like
+        Made when it is first needed.
+    stage : str
+        Which pass of a fit.
+    settings : dict
+        What all of them are made with.
+    """
+
+    folder: str | os.PathLike
+    stage: str
+    settings: dict
+
+    def load(self, group: int) -> Factor | None:
+        """Return the factor of a group of blocks, None if it is not there yet."""
+        path = self._path(group)
+        return Factor.load(path, self.settings) if path.exists() else None
+
+    def save(self, group: int, factor: Factor) -> None:
+        """Keep the factor of a group of blocks."""
+        path = self._path(group)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        factor.save(path, self.settings)
+
+    def _path(self, group: int) -> Path:
+        return Path(self.folder) / f"{self.stage}-{group:06d}.npz"
 
 
 def compress(parts: Iterable[Candidates]) -> Factor:

@@ -1,5 +1,6 @@
 """NARXRegressor: identification of polynomial NARX models as a scikit-learn estimator."""
 
+import warnings
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
@@ -20,6 +21,7 @@ from narx_sklearn._validation import (
     signal_names,
     signal_units,
 )
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
 from narx_sklearn.identification.estimation import recursive_least_squares
@@ -38,16 +40,22 @@ from narx_sklearn.identification.procedure import (
     origin_choices,
     parameter_scales,
     scaled_layout,
+    scores_on_factors,
     select_terms,
+    stretch_factors,
     total_criterion,
+    total_factor,
 )
+from narx_sklearn.identification.record import ArrayRecord, Record
+from narx_sklearn.identification.recordings import open_record
 from narx_sklearn.identification.refinement import free_run_uncertainty, refine_free_run
-from narx_sklearn.identification.regressors import Candidates, chunks
+from narx_sklearn.identification.regressors import Candidates, candidates_of, reach_of, remembers_all
 from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.identification.selection import SEARCHES, criterion_minima, err_order, size_window
 from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
 from narx_sklearn.identification.structure import candidate_library, structure_filter
 from narx_sklearn.identification.uncertainty import (
+    OneStepScores,
     ParameterUncertainty,
     one_step_scores,
     parameter_uncertainty,
@@ -62,6 +70,9 @@ __all__ = ["NARXRegressor"]
 ESTIMATORS = ("ls", "ridge", "els", "rls")
 ORIGINS = ("auto", "zero", "mean")
 SIZES = ("criterion", "free_run")
+GATHERED_SAMPLES = (
+    2_000_000  # of files or a cluster, gathered unasked for the free-run refinement: minutes of it
+)
 SEARCHED_COST = 2e11  # operations up to which the search on the simulation error uses all candidates
 
 
@@ -143,6 +154,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         units in any case.
     sampling_period : float, default=None
         Seconds between samples, kept in the model.
+    checkpoint : str or path-like, default=None
+        Folder in which a long fit leaves what it has compressed so far. A fit that was interrupted goes on
+        from there; one with other data or settings is refused. None keeps nothing.
 
     Attributes
     ----------
@@ -223,6 +237,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         fit_intercept=True,
         origin="auto",
         sampling_period=None,
+        checkpoint=None,
     ):
         self.output_lags = output_lags
         self.input_lags = input_lags
@@ -246,18 +261,22 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self.fit_intercept = fit_intercept
         self.origin = origin
         self.sampling_period = sampling_period
+        self.checkpoint = checkpoint
 
     # -- fitting ------------------------------------------------------------------------------------------
 
-    def fit(self, X, y, sessions=None):
+    def fit(self, X, y=None, sessions=None):
         """Select terms and estimate their parameters.
 
         Parameters
         ----------
-        X : array-like of shape (n_samples, n_inputs)
+        X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
             Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` give signals their names and units.
-        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Measured outputs, aligned with ``X``. NaN marks gaps.
+            dask arrays and DataFrames are compressed where their partitions are; `Recordings` are read
+            from their files, block by block.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Measured outputs, aligned with ``X``. NaN marks gaps. None only where ``X`` is a `Recordings`,
+            which holds the outputs too.
         sessions : array-like of shape (n_samples,), default=None
             One label a sample: where it changes another recording begins. Lags never reach across.
 
@@ -269,6 +288,16 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ------
         ValueError
             If a parameter is not valid, or no sample has all lagged values.
+
+        Warns
+        -----
+        NarxWarning
+            If ``refine="auto"`` is left out because a dask collection or files hold too many samples.
+
+        Notes
+        -----
+        What reads all samples at once (``refine``, ``size="free_run"``, ``estimator="els"`` and ``"rls"``)
+        gathers dask collections and files in this process.
         """
         self.__dict__.pop("model_", None)  # an interrupted fit leaves nothing that could be used
         with single_threaded_blas():
@@ -276,33 +305,62 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _fit(self, X, y, sessions):
         self._check_parameters()
-        X, y, problem, units = self._read(X, y, sessions, reset=True)
+        record = self._open(X, y, sessions, reset=True)
+        problem, units = self._pose(record)
         constraints = self._constraints(problem)
-        choices = self._compress(problem, constraints, X, y, sessions)
+        choices = self._compress(problem, constraints, record)
         selected = self._select_best(choices, constraints)
-        if self.size == "free_run" and self.n_terms is None:
-            selected = self._size_by_free_run(selected, problem, constraints, X, y, sessions)
-        if self.estimator in ("els", "rls"):
-            selected = [self._estimate_again(one, i, X, y, sessions) for i, one in enumerate(selected)]
+        if self._reads_all_samples(record):
+            record = record.in_one_place()
+            samples = record.everything()
+            if self.size == "free_run" and self.n_terms is None:
+                selected = self._size_by_free_run(selected, problem, constraints, *samples)
+            if self.estimator in ("els", "rls"):
+                selected = [self._estimate_again(one, i, *samples) for i, one in enumerate(selected)]
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
-        model, refinement, noise = self._refine(model, selected, constraints, X, y, sessions)
+        refinement, noise = None, "equation"
+        if record.in_memory:
+            model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
         self._store(model, selected, refinement, noise)
-        self.uncertainty_ = self._uncertainty(constraints, X, y, sessions)
+        self.uncertainty_ = self._uncertainty(constraints, record)
         return self
 
-    def partial_fit(self, X, y, sessions=None):
+    def _reads_all_samples(self, record: Record) -> bool:
+        """Tell whether steps after the compression want every sample of a record at once."""
+        if record.in_memory:
+            return True
+        if self.size == "free_run" and self.n_terms is None:
+            return True
+        if self.estimator in ("els", "rls") or self.refine is True:
+            return True
+        if self.refine is False or record.n_outputs > 1 or self.estimator != "ls":
+            return False
+        if record.n_samples > GATHERED_SAMPLES:
+            warnings.warn(
+                f"refine='auto' is left out: it simulates the whole record in this process, and n_samples = "
+                f"{record.n_samples} are more than the {GATHERED_SAMPLES} that are gathered unasked. Pass "
+                "refine=False to agree, or refine=True to gather and refine.",
+                NarxWarning,
+                stacklevel=4,
+            )
+            return False
+        return True
+
+    def partial_fit(self, X, y=None, sessions=None):
         """Add a batch of data: the compressed record grows, terms and parameters are chosen anew.
 
-        Each batch counts as a recording of its own. The origin, the scales and, for large libraries, the
+        Each batch counts as a recording of its own, unless its first session label is the last one of the
+        batch before, with which it then goes on. ``forgetting`` weighs earlier batches down: all that came
+        before by that factor, for each new batch. The origin, the scales and, for large libraries, the
         screened candidates are those of the first batch. Free-run refinement and ``"els"`` and ``"rls"`` need
         the raw data and are not available here.
 
         Parameters
         ----------
-        X : array-like of shape (n_samples, n_inputs)
+        X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
             Inputs of the batch.
-        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Outputs of the batch.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Outputs of the batch; None only where ``X`` is a `Recordings`.
         sessions : array-like of shape (n_samples,), default=None
             One label a sample.
 
@@ -316,25 +374,56 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 f"partial_fit keeps the compressed record only, which estimator={self.estimator!r} cannot "
                 "use; choose 'ls' or 'ridge', or call fit."
             )
+        if isinstance(self.forgetting, str) or not 0.0 < self.forgetting <= 1.0:
+            raise ValueError(
+                "partial_fit weighs earlier batches by forgetting, which must be a number above 0 and at "
+                f"most 1 here, got {self.forgetting!r}."
+            )
         first = not hasattr(self, "_batches")
-        X, y, problem, units = self._read(X, y, sessions, reset=first)
+        record = self._open(X, y, sessions, reset=first)
+        problem, units = self._pose(record)
         constraints = self._constraints(problem)
         if first:
-            self._batches = self._compress(problem, constraints, X, y, sessions)
+            self._batches = self._compress(problem, constraints, record)
         else:
+            record = self._continued(record)
             keep = float(self.forgetting)
-            merged = []
-            for before in self._batches:
-                batch = compress_record(
-                    before.library, before.layout, X, y, sessions, max_terms=self._longest(), screen=False
+            self._batches = [
+                replace(before, factor=before.factor.scaled(keep)).merge(
+                    Compressed(
+                        before.library,
+                        before.layout,
+                        total_factor(before.library, before.layout, record),
+                        before.n_considered,
+                    )
                 )
-                merged.append(replace(before, factor=before.factor.scaled(keep)).merge(batch))
-            self._batches = merged
+                for before in self._batches
+            ]
+        self._keep_end(record)
         selected = self._select_best(self._batches, constraints)
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
         self._store(model, selected, None, "equation")
-        self.uncertainty_ = self._uncertainty(constraints, X, y, sessions)
+        self.uncertainty_ = self._uncertainty(constraints, record)
         return self
+
+    def _keep_end(self, record: Record) -> None:
+        """Keep what the lags of a next batch of the same session will read."""
+        reach = max(reach_of(b.library, b.layout) for b in self._batches)
+        self._end = record.end(reach) if isinstance(record, ArrayRecord) and reach else None
+
+    def _continued(self, record: Record) -> Record:
+        """Return a batch with the end of the batch before in front, where it goes on with that session."""
+        if not isinstance(record, ArrayRecord) or record.sessions is None or self._end is None:
+            return record
+        X, y, labels = self._end
+        if labels is None or labels[-1] != record.sessions[0]:
+            return record
+        if remembers_all(self._batches[0].layout):
+            raise ValueError(
+                "phi regressors that remember all of the past cannot be computed batch by batch of one "
+                "session; give every batch a label of its own in sessions, or call fit."
+            )
+        return record.after(X, y, labels)
 
     def _longest(self) -> int:
         return max(self.max_terms, self.n_terms or 0)
@@ -357,8 +446,18 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if isinstance(self.origin, str):
             check_choice(self.origin, "origin", ORIGINS)
 
-    def _read(self, X, y, sessions, *, reset: bool):
-        """Validate data and say what is to be identified."""
+    def _open(self, X, y, sessions, *, reset: bool) -> Record:
+        """Validate data and return them as a record, wherever they are."""
+        record = open_record(X, y, sessions)
+        if record is None:
+            return self._open_arrays(X, y, sessions, reset=reset)
+        validate_data(self, record.stand_in(), reset=reset, ensure_min_features=0)
+        self._y_ndim = record.y_ndim
+        if not record.moments.known[: record.n_outputs].all():
+            raise ValueError("Input y contains NaN at every sample of an output; there is nothing to fit.")
+        return record
+
+    def _open_arrays(self, X, y, sessions, *, reset: bool) -> ArrayRecord:
         labels = column_labels(y)
         input_labels = column_labels(X)
         X = validate_data(
@@ -373,8 +472,15 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             raise ValueError("Input y contains NaN at every sample of an output; there is nothing to fit.")
         check_same_length(X=X, y=y, sessions=sessions)
         session_slices(sessions, X.shape[0])
-        outputs = signal_names(labels if labels is not None else range(y.shape[1]), "y")
-        inputs = signal_names(input_labels if input_labels is not None else range(X.shape[1]), "u")
+        return ArrayRecord(
+            X, y, sessions, input_labels=input_labels, output_labels=labels, y_ndim=self._y_ndim
+        )
+
+    def _pose(self, record: Record) -> tuple[Problem, dict[str, str]]:
+        """Say what is to be identified, and the signals' units."""
+        labels, input_labels = record.output_labels, record.input_labels
+        outputs = signal_names(labels if labels is not None else range(record.n_outputs), "y")
+        inputs = signal_names(input_labels if input_labels is not None else range(record.n_inputs), "u")
         clash = set(outputs) & set(inputs)
         if clash:
             raise ValueError(f"{sorted(clash)} is the name of an input and of an output; rename a column.")
@@ -395,7 +501,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             keep=structure_filter(self.structure, self.exclude, outputs, inputs, phi),
         )
         self._library = library
-        return X, y, Problem(outputs, inputs, phi, library), units
+        return Problem(outputs, inputs, phi, library), units
 
     def _has_no_inputs(self) -> bool:
         return isinstance(self.input_lags, list | tuple) and len(self.input_lags) == 0
@@ -419,17 +525,17 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             )
         return [parse_constraints(given, problem.library) for _ in problem.outputs]
 
-    def _compress(self, problem, constraints, X, y, sessions) -> list[Compressed]:
+    def _compress(self, problem, constraints, record: Record) -> list[Compressed]:
         """Compress the record in the coordinates worth trying: one or two origins."""
-        layout = scaled_layout(problem, X, y, sessions)
+        layout = scaled_layout(problem, record)
         origins = origin_choices(
-            self.origin, problem, layout, X, y, constraints, self.structure, self.fit_intercept
+            self.origin, problem, layout, record, constraints, self.structure, self.fit_intercept
         )
         return compress_choices(
             problem, layout, origins,
             lambda at: compress_record(
-                problem.library, at, X, y, sessions,
-                max_terms=self._longest(), constraints=constraints, search=self.search,
+                problem.library, at, record, max_terms=self._longest(), constraints=constraints,
+                search=self.search, checkpoint=self.checkpoint,
             ),
         )  # fmt: skip
 
@@ -585,7 +691,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self.noise_ = noise
         self._layout = selected[0].compressed.layout
 
-    def _uncertainty(self, constraints, X, y, sessions) -> list[ParameterUncertainty]:
+    def _uncertainty(self, constraints, record: Record) -> list[ParameterUncertainty]:
         """Covariances from the residuals of what was fitted: one step, or free run."""
         model = self.model_
         found, sigma = [], []
@@ -595,10 +701,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             inside = on_library(constraints[output], self._library, kept)
             scales = parameter_scales(self._layout, kept, output)
             theta = model.parameters[present, output] / scales
-            parts = partial(chunks, kept, self._layout, X, y, sessions)
-            scores = one_step_scores(parts, theta, output)
+            scores = self._scores(kept, record, theta, output)
             sigma.append(self._layout.scale[output] * scores.residual_deviation)
             if self.noise_ != "equation" and len(model.outputs) == 1:
+                X, y, sessions = record.everything()
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
                 continue
             scaled = None if inside is None else inside.scaled(scales)
@@ -606,6 +712,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             found.append(replace(robust, covariance=robust.covariance * np.outer(scales, scales)))
         self.sigma_ = np.array(sigma)
         return found
+
+    def _scores(self, library, record: Record, theta, output: int) -> OneStepScores:
+        """Sum the scores of the estimate over stretches: sample by sample, or where the samples are."""
+        if isinstance(record, ArrayRecord):
+            return one_step_scores(partial(candidates_of, library, self._layout, record), theta, output)
+        return scores_on_factors(stretch_factors(library, self._layout, record), theta, output)
 
     # -- prediction ---------------------------------------------------------------------------------------
 

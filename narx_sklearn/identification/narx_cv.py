@@ -1,8 +1,12 @@
 """NARXRegressorCV: lags, degree and size chosen by free run on held-out folds, from one pass."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import product
 from numbers import Integral
+from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -21,15 +25,17 @@ from narx_sklearn.identification.procedure import (
     build_model,
     compress_choices,
     estimate_terms,
+    merge_parts,
     origin_choices,
     scaled_constraints,
     scaled_layout,
     total_criterion,
 )
-from narx_sklearn.identification.regressors import Candidates
+from narx_sklearn.identification.record import Block, Record
+from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
 from narx_sklearn.identification.scoring import DIVERGED_SCORE, FreeRunJudge
 from narx_sklearn.identification.selection import search_terms
-from narx_sklearn.model.recording import Recording, lay_out
+from narx_sklearn.model.recording import Layout
 from narx_sklearn.model.terms import TermLibrary
 
 __all__ = ["NARXRegressorCV"]
@@ -145,15 +151,16 @@ sampling_period
         self.sampling_period = sampling_period
         self.n_jobs = n_jobs
 
-    def fit(self, X, y, sessions=None):
+    def fit(self, X, y=None, sessions=None):
         """Judge the whole grid, and fit the best choice to all the data.
 
         Parameters
         ----------
-        X : array-like of shape (n_samples, n_inputs)
-            Inputs.
-        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Outputs.
+        X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
+            Inputs. dask collections and `Recordings` are compressed where they are; of the test parts of
+            the folds, one for each thread is read into this process for its free runs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Outputs; None only where ``X`` is a `Recordings`.
         sessions : array-like of shape (n_samples,), default=None
             One label a sample.
 
@@ -165,10 +172,14 @@ sampling_period
         check_choice(self.rule, "rule", RULES)
         sizes = self._sizes()
         structures = self._structures()
+        first = self._regressor(**structures[0])
+        first._check_parameters()
+        record = first._open(X, y, sessions, reset=True)
         with single_threaded_blas():
-            scores, counts = self._judge(X, y, sessions, structures, sizes)
+            scores, counts = self._judge(record, structures, sizes)
         self._tabulate(structures, sizes, scores, counts)
-        self.best_estimator_ = self._regressor(**self.best_params_).fit(X, y, sessions=sessions)
+        best = self._regressor(**self.best_params_)
+        self.best_estimator_ = best.fit(X, y, sessions=sessions) if record.in_memory else best.fit(record)
         self.model_ = self.best_estimator_.model_
         self.n_features_in_ = self.best_estimator_.n_features_in_
         if hasattr(self.best_estimator_, "feature_names_in_"):
@@ -205,31 +216,21 @@ sampling_period
         )  # fmt: skip
         return NARXRegressor(**{name: getattr(self, name) for name in shared} | chosen)
 
-    def _judge(self, X, y, sessions, structures, sizes):
+    def _judge(self, record: Record, structures, sizes):
         """Return free-run scores and numbers of terms, shape (n_structures, n_sizes, n_folds)."""
         problems, constraints = [], []
         for structure in structures:
             regressor = self._regressor(**structure)
             regressor._check_parameters()
-            inputs, outputs, problem, _ = regressor._read(X, y, sessions, reset=True)
+            problem, _ = regressor._pose(record)
             problems.append(problem)
             constraints.append(regressor._constraints(problem))
-        X, y = inputs, outputs
-        in_time = self.cv is None or isinstance(self.cv, Integral)
-        cv = TimeSeriesSplit(5 if self.cv is None else int(self.cv)) if in_time else check_cv(self.cv)
-        if X.shape[0] < 2:
-            raise ValueError(f"Folds need at least two samples, got n_samples = {X.shape[0]}.")
-        folds = list(cv.split(X))
-        union = Problem(
-            problems[0].outputs,
-            problems[0].inputs,
-            problems[0].phi,
-            TermLibrary(term for problem in problems for term in problem.library),
-        )
-        record = _FoldedRecord(union, X, y, sessions, folds, self)
+        if record.n_samples < 2:
+            raise ValueError(f"Folds need at least two samples, got n_samples = {record.n_samples}.")
+        folded = _FoldedRecord(problems, record, split_in_runs(self.cv, record), self)
         work = delayed(self._judge_fold)
         results = Parallel(n_jobs=self.n_jobs, prefer="threads")(
-            work(record, f, problems, constraints, sizes) for f in range(len(folds))
+            work(folded, f, problems, constraints, sizes) for f in range(len(folded.folds))
         )
         scores, counts = zip(*results, strict=True)
         return np.stack(scores, axis=-1), np.stack(counts, axis=-1)
@@ -237,12 +238,10 @@ sampling_period
     def _judge_fold(self, record: "_FoldedRecord", f: int, problems, constraints, sizes):
         scores = np.full((len(problems), len(sizes)), DIVERGED_SCORE)
         counts = np.zeros((len(problems), len(sizes)), dtype=int)
-        test = record.folds[f][1]
-        X, y = record.X[test], record.y[test]
-        labels = None if record.sessions is None else np.asarray(record.sessions)[test]
+        X, y, labels = record.record.take(record.folds[f].test)
         judge = FreeRunJudge(X, y, sessions=labels)
         for g, (problem, bound) in enumerate(zip(problems, constraints, strict=True)):
-            choices = record.choices(f, problem, bound)
+            choices = record.choices(f, g, problem, bound)
             paths = [
                 [
                     search_terms(
@@ -321,73 +320,137 @@ sampling_period
         return tags
 
 
+class Fold(NamedTuple):
+    """Training and test part as runs of consecutive samples."""
+
+    training: list[slice]
+    test: list[slice]
+
+
+def split_in_runs(cv, record: Record) -> list[Fold]:
+    """Return the folds of a splitter; those of time order without an index for each sample."""
+    if cv is None or isinstance(cv, Integral):
+        n_splits, n_samples = 5 if cv is None else int(cv), record.n_samples
+        check = TimeSeriesSplit(n_splits)  # refuses a number of splits that cannot be
+        size = n_samples // (n_splits + 1)
+        if size == 0:
+            list(check.split(np.empty((n_samples, 0))))  # raises, with scikit-learn's own words
+        starts = range(n_samples - n_splits * size, n_samples, size)
+        return [Fold([slice(0, a)], [slice(a, a + size)]) for a in starts]
+    placeholder = np.empty((record.n_samples, 0))
+    return [Fold(runs_of(np.sort(a)), runs_of(b)) for a, b in check_cv(cv).split(placeholder)]
+
+
+def runs_of(indices: np.ndarray) -> list[slice]:
+    """Return indices (or a mask) as runs of consecutive ones, in their order."""
+    indices = np.flatnonzero(indices) if indices.dtype == bool else indices
+    if indices.size == 0:
+        return []
+    cuts = np.flatnonzero(np.diff(indices) != 1) + 1
+    firsts, lasts = indices[np.r_[0, cuts]], indices[np.r_[cuts - 1, indices.size - 1]]
+    return [slice(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
+
+
 class _FoldedRecord:
     """A record compressed stretch by stretch, so that the training part of every fold is a merge."""
 
-    def __init__(self, problem: Problem, X, y, sessions, folds, settings: NARXRegressorCV):
-        self.problem, self.X, self.y, self.sessions, self.folds = problem, X, y, sessions, folds
-        self.settings = settings
-        self.layout = scaled_layout(problem, X, y, sessions)
-        self.training = np.zeros((len(folds), X.shape[0]), dtype=bool)
-        for f, (train, _) in enumerate(folds):
-            self.training[f, train] = True
-        changes = np.flatnonzero(np.any(self.training[:, 1:] != self.training[:, :-1], axis=0)) + 1
-        self.edges = np.concatenate([[0], changes, [X.shape[0]]])
+    def __init__(self, problems: list[Problem], record: Record, folds: list[Fold], settings: NARXRegressorCV):
+        self.record, self.folds, self.settings = record, folds, settings
+        first = problems[0]
+        union = TermLibrary(term for problem in problems for term in problem.library)
+        self.problem = Problem(first.outputs, first.inputs, first.phi, union)
+        self.libraries = tuple(problem.library for problem in problems)
+        self.layout = scaled_layout(self.problem, record)
+        edges = {0, record.n_samples}
+        for fold in folds:
+            edges |= {edge for run in fold.training for edge in (run.start, run.stop)}
+        self.edges = np.array(sorted(edges))
         self._parts: dict = {}
+        self._lock = Lock()
 
-    def choices(self, f: int, problem: Problem, constraints) -> list[Compressed]:
+    def choices(self, f: int, g: int, problem: Problem, constraints) -> list[Compressed]:
         """Return the training part of fold ``f``, compressed at the origins worth trying."""
         chosen = self.settings
         origins = origin_choices(
-            chosen.origin, problem, self.layout, self.X, self.y, constraints, chosen.structure,
+            chosen.origin, problem, self.layout, self.record, constraints, chosen.structure,
             chosen.fit_intercept,
         )  # fmt: skip
         return compress_choices(
-            problem, self.layout, origins, lambda at: self._training_factor(f, problem.library, at)
+            problem, self.layout, origins, lambda at: self._training_factor(f, g, problem.library, at)
         )
 
-    def _training_factor(self, f: int, library: TermLibrary, layout) -> Compressed:
+    def _training_factor(self, f: int, g: int, library: TermLibrary, layout) -> Compressed:
         """Merge the stretches of a fold, and add the few rows that only this library can use."""
-        recording, rows, parts = self._stretches(layout)
-        inside = self.training[f]
-        table = library.table(layout.channels)
-        usable = recording.rows(table.channels, table.lags, targets=range(len(layout.outputs)))
-        # a row counts when all it reads lies in one training part
-        run_start = np.maximum.accumulate(
-            np.where(inside & ~np.concatenate([[False], inside[:-1]]), np.arange(inside.size), 0)
-        )
-        usable = usable[inside[usable] & (usable - run_start[usable] >= library.max_lag)]
+        parts = self._compressed(layout)
         columns = [self.problem.library.index(term) for term in library]
         total = Factor.empty(len(library), len(layout.outputs))
-        covered = np.zeros(inside.size, dtype=bool)
-        for stretch, factor in zip(rows, parts, strict=True):
-            if stretch.size and inside[stretch[0]]:
-                covered[stretch] = True
-                total = total.merge(factor.subset(columns))
-        left = usable[~covered[usable]]
-        if left.size:
-            total = total.merge(compress([Candidates(library, layout, recording, left)]))
+        for s, begin in enumerate(self.edges[:-1]):
+            if s in parts and any(run.start <= begin < run.stop for run in self.folds[f].training):
+                total = total.merge(parts[s].subset(columns))
+        if (f, g) in parts:
+            total = total.merge(parts[f, g])
         return Compressed(library, layout, total, len(library))
 
-    def _stretches(self, layout) -> tuple[Recording, list[np.ndarray], list[Factor]]:
-        """Return, once for each origin, the factors of the stretches between the folds' edges."""
+    def _compressed(self, layout) -> dict:
+        """Return, once for each origin, factors by stretch, and of what is left by fold and library."""
         key = layout.origin.tobytes()
-        if key not in self._parts:
-            recording = lay_out(layout, self.X, self.y, self.sessions)
-            every = Candidates.of(self.problem.library, layout, recording)
-            reach = self.problem.library.max_lag
-            rows, parts = [], []
-            for a, b in zip(self.edges[:-1], self.edges[1:], strict=True):
-                stretch = every.rows[(every.rows >= a + reach) & (every.rows < b)]
-                rows.append(stretch)
-                piece = Candidates(self.problem.library, layout, recording, stretch)
-                parts.append(
-                    compress([piece])
-                    if stretch.size
-                    else Factor.empty(len(self.problem.library), len(layout.outputs))
+        with self._lock:
+            if key not in self._parts:
+                union = self.problem.library
+                self._parts[key] = self.record.total(
+                    partial(folds_of_block, union, self.libraries, layout, self.edges, self.folds),
+                    merge_parts,
+                    reach=reach_of(union, layout),
+                    whole=remembers_all(layout),
                 )
-            self._parts[key] = recording, rows, parts
-        return self._parts[key]
+            return self._parts[key]
+
+
+def folds_of_block(
+    union: TermLibrary,
+    libraries: tuple[TermLibrary, ...],
+    layout: Layout,
+    edges: np.ndarray,
+    folds: list[Fold],
+    block: Block,
+) -> dict:
+    """Compress a block: what lies in each stretch, and for each fold and library what that leaves out.
+
+    A sample counts where all that is read at it lies in one training part. In a stretch those are the samples
+    from the longest lag on, for all libraries and folds alike; the others are few.
+    """
+    every = Candidates.in_block(union, layout, block)
+    place = every.rows + block.origin
+    stretch = np.searchsorted(edges, place, side="right") - 1
+    inside = place - edges[stretch] >= union.max_lag
+    found: dict = {}
+    with single_threaded_blas():
+        for s in np.unique(stretch[inside]):
+            rows = every.rows[inside & (stretch == s)]
+            found[int(s)] = compress([replace(every, rows=rows)])
+        for g, library in enumerate(libraries):
+            own = Candidates(library, layout, every.recording, usable_rows(library, layout, every, block))
+            others = np.setdiff1d(own.rows, every.rows[inside], assume_unique=True)
+            for f, fold in enumerate(folds):
+                rows = others[_inside(fold.training, others + block.origin, library.max_lag)]
+                if rows.size:
+                    found[f, g] = compress([replace(own, rows=rows)])
+    return found
+
+
+def usable_rows(library: TermLibrary, layout: Layout, every: Candidates, block: Block) -> np.ndarray:
+    """Return the block's own samples at which a library is known."""
+    rows = Candidates.of(library, layout, every.recording).rows
+    return rows[rows >= block.n_past]
+
+
+def _inside(runs: list[slice], places: np.ndarray, reach: int) -> np.ndarray:
+    """Tell which places lie in a run, at least ``reach`` after its start."""
+    if not runs:
+        return np.zeros(places.size, dtype=bool)
+    starts, stops = (np.array(side) for side in zip(*((r.start, r.stop) for r in runs), strict=True))
+    own = np.searchsorted(starts, places, side="right") - 1
+    return (own >= 0) & (places < stops[own]) & (places - starts[own] >= reach)
 
 
 def _select_size(choices: list[Compressed], paths, bound: list[LinearConstraints], size: dict):

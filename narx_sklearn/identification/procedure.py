@@ -6,19 +6,23 @@
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from narx_sklearn._validation import all_finite, blocks
+from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
-from narx_sklearn.identification.factor import Factor, compress
-from narx_sklearn.identification.regressors import CHUNK_ROWS, Candidates, chunks
+from narx_sklearn.identification.factor import Checkpoint, Factor, compress
+from narx_sklearn.identification.record import CHUNK_ROWS, Block, Record
+from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
 from narx_sklearn.identification.screening import screen_terms
 from narx_sklearn.identification.selection import SelectionPath, search_terms
+from narx_sklearn.identification.uncertainty import OneStepScores, n_stretches
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.recording import Layout, lay_out
@@ -123,29 +127,7 @@ def translation(
     return T
 
 
-def measure_signals(X: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation of each output and input, NaN left out, block by block."""
-    columns = [*y.T, *X.T]
-    count, mean, square = np.zeros((3, len(columns)))
-    for block in blocks(X.shape[0]):
-        for i, column in enumerate(columns):
-            known = column[block]
-            if not all_finite(known):
-                known = known[np.isfinite(known)]
-            if known.size == 0:
-                continue
-            own = known.mean()
-            deviation = known - own
-            # Chan, Golub and LeVeque's merge of means and sums of squares
-            both = count[i] + known.size
-            step = own - mean[i]
-            square[i] += deviation @ deviation + step**2 * count[i] * known.size / both
-            mean[i] += step * known.size / both
-            count[i] = both
-    return mean, np.sqrt(square / np.maximum(count, 1))
-
-
-def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None) -> Layout:
+def scaled_layout(problem: Problem, record: Record) -> Layout:
     """Return the layout with every output and input shifted to its mean, every channel scaled to one.
 
     Warns
@@ -153,7 +135,7 @@ def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None)
     ExcitationWarning
         If a signal is constant.
     """
-    mean, spread = measure_signals(X, y)
+    mean, spread = record.moments.mean, record.moments.deviation
     names = problem.outputs + problem.inputs
     noise = 1e-13 * np.maximum(np.abs(mean), np.finfo(float).tiny)  # rounding of a constant's mean
     for name, value, level in zip(names, spread, noise, strict=True):
@@ -168,10 +150,9 @@ def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None)
     by_name = dict(zip(names, scale, strict=True))
     at = dict(zip(names, mean, strict=True))
     if problem.phi:
-        head = slice(0, min(CHUNK_ROWS, X.shape[0]))
+        head = slice(0, min(CHUNK_ROWS, record.n_samples))
         plain = Layout.of(problem.outputs, problem.inputs, problem.phi)
-        inside = None if sessions is None else np.asarray(sessions)[head]
-        columns = lay_out(plain, X[head], y[head], inside).data[:, len(names) :]
+        columns = lay_out(plain, *record.take([head])).data[:, len(names) :]
         known = np.isfinite(columns)
         total = np.where(known, columns**2, 0.0).sum(axis=0)
         rms = np.sqrt(total / np.maximum(known.sum(axis=0), 1))
@@ -180,7 +161,7 @@ def scaled_layout(problem: Problem, X: np.ndarray, y: np.ndarray, sessions=None)
 
 
 def origin_choices(
-    origin, problem: Problem, layout: Layout, X: np.ndarray, y: np.ndarray, constraints, structure, intercept
+    origin, problem: Problem, layout: Layout, record: Record, constraints, structure, intercept
 ) -> list[dict[str, float]]:
     """Return the origins worth trying, as mappings from signals; the one compressed first stands first.
 
@@ -197,7 +178,7 @@ def origin_choices(
         Signals and candidates.
     layout : Layout
         Layout with every output and input at its mean.
-    X, y : ndarray
+    record : Record
         The record.
     constraints, structure, intercept
         The regressor's constraints of each output, structure, and whether it fits a constant.
@@ -216,9 +197,8 @@ def origin_choices(
         return [{}]
     away = {}
     for i, name in enumerate(names):
-        column = y[:, i] if i < len(problem.outputs) else X[:, i - len(problem.outputs)]
         deviation = layout.scale[i]
-        if np.nanmin(column) > deviation or np.nanmax(column) < -deviation:
+        if record.moments.low[i] > deviation or record.moments.high[i] < -deviation:
             away[name] = mean[name]
     return [mean] if away.keys() == mean.keys() else [mean, away]
 
@@ -280,14 +260,13 @@ def with_origin(layout: Layout, origin: Mapping[str, float]) -> Layout:
 def compress_record(
     library: TermLibrary,
     layout: Layout,
-    X: np.ndarray,
-    y: np.ndarray,
-    sessions=None,
+    record: Record,
     *,
     max_terms: int,
     constraints: Sequence[LinearConstraints] = (),
     search: str = "exchange",
     screen: bool = True,
+    checkpoint=None,
 ) -> Compressed:
     """Compress a record; large libraries are screened first.
 
@@ -301,7 +280,7 @@ def compress_record(
         Candidate terms.
     layout : Layout
         Channels with origin and scale.
-    X, y, sessions
+    record : Record
         The record.
     max_terms : int
         Largest number of terms that will be selected.
@@ -311,6 +290,8 @@ def compress_record(
         The search that will follow.
     screen : bool, default=True
         Whether candidates may be left out.
+    checkpoint : path-like, default=None
+        Folder of the factors that an interrupted pass left.
 
     Returns
     -------
@@ -325,17 +306,52 @@ def compress_record(
     forward = search == "forward" and not any(len(c) for c in constraints)
     if screen and len(library) > (FORWARD_CANDIDATES if forward else SCREENING_CANDIDATES):
         n_terms = max_terms if forward else SCREENED_PER_TERM * max_terms
-        library = screened_library(library, layout, X, y, sessions, n_terms, constraints)
-    factor = compress(chunks(library, layout, X, y, sessions))
-    check_enough(factor.n_samples, library, layout, X.shape[0])
+        if record.in_memory:
+            library = screened_library(library, layout, record, n_terms, constraints)
+        else:
+            factor = total_factor(library, layout, record, checkpoint)
+            check_enough(factor.n_samples, library, layout, record.n_samples)
+            library = screened_on_factor(library, layout, factor, n_terms, constraints)
+    factor = total_factor(library, layout, record, checkpoint)
+    check_enough(factor.n_samples, library, layout, record.n_samples)
     return Compressed(library, layout, factor, full)
+
+
+def total_factor(library: TermLibrary, layout: Layout, record: Record, checkpoint=None) -> Factor:
+    """Return the factor of a record: its blocks compressed where they are, and merged."""
+    kept = None
+    if checkpoint is not None:
+        settings = {
+            "outputs": layout.outputs,
+            "inputs": layout.inputs,
+            "phi": [repr(p) for p in layout.phi],
+            "terms": library.names,
+            "origin": layout.origin.tolist(),
+            "scale": layout.scale.tolist(),
+            "record": record.description(),
+        }
+        # one stage for each origin and each screening that a fit works at
+        centred = "centred" if layout.origin.any() else "at-zero"
+        kept = Checkpoint(checkpoint, f"{centred}-{len(library)}-terms", settings)
+    return record.total(
+        partial(factor_of_block, library, layout),
+        Factor.merge,
+        reach=reach_of(library, layout),
+        whole=remembers_all(layout),
+        checkpoint=kept,
+    )
+
+
+def factor_of_block(library: TermLibrary, layout: Layout, block: Block) -> Factor:
+    """Compress one block of a record."""
+    with single_threaded_blas():
+        return compress([Candidates.in_block(library, layout, block)])
 
 
 def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples: int) -> None:
     """Raise a ValueError where a record has no sample with all lagged values."""
     if n_usable == 0:
-        reach = {p.name: p.reach for p in layout.phi}
-        longest = max((v.lag + reach.get(v.signal, 0) for v in library.variables), default=0)
+        longest = reach_of(library, layout)
         raise ValueError(
             f"Of n_samples = {n_samples} none can be used: the longest lag is {longest}, so at least "
             f"{longest + 1} samples in a row, within one session and without a gap, are needed."
@@ -345,15 +361,13 @@ def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples:
 def screened_library(
     library: TermLibrary,
     layout: Layout,
-    X,
-    y,
-    sessions,
+    record: Record,
     n_terms: int,
     constraints: Sequence[LinearConstraints] = (),
 ) -> TermLibrary:
     """Return the candidates that forward ERR passes over the data put first, for all outputs."""
-    candidates = Candidates.of(library, layout, lay_out(layout, X, y, sessions))
-    check_enough(candidates.n_rows, library, layout, X.shape[0])
+    candidates = Candidates.of(library, layout, lay_out(layout, *record.everything()))
+    check_enough(candidates.n_rows, library, layout, record.n_samples)
     kept: set[int] = set()
     for output in range(len(layout.outputs)):
         scaled = None
@@ -362,6 +376,101 @@ def screened_library(
             kept |= {int(j) for j in scaled.terms}
         kept |= set(screen_terms(candidates, n_terms, output=output, constraints=scaled).order)
     return library.subset(sorted(kept))
+
+
+def screened_on_factor(
+    library: TermLibrary,
+    layout: Layout,
+    factor: Factor,
+    n_terms: int,
+    constraints: Sequence[LinearConstraints] = (),
+) -> TermLibrary:
+    """Return what `screened_library` returns, for a record that is compressed already."""
+    kept: set[int] = set()
+    for output in range(len(layout.outputs)):
+        rest, left = np.arange(len(library)), factor
+        if constraints and len(constraints[output]):
+            scaled = constraints[output].scaled(parameter_scales(layout, library, output))
+            kept |= {int(j) for j in scaled.terms}
+            rest, left = _without_named(factor, scaled, output)
+        path = search_terms(left, n_terms, search="forward", output=output)
+        kept |= {int(rest[j]) for j in path.supports[-1]}
+    return library.subset(sorted(kept))
+
+
+def _without_named(factor: Factor, constraints: LinearConstraints, output: int) -> tuple[np.ndarray, Factor]:
+    """Return the columns that constraints do not name, and their factor with the named ones projected out."""
+    named = list(constraints.terms)
+    fixed, free = constraints.restrict(named).solution_space()
+    rest = np.setdiff1d(np.arange(factor.n_terms), named)
+    n_free, width = free.shape[1], factor.R.shape[1]
+    # columns of T: the directions that the constraints leave free, the other terms, the outputs
+    T = np.zeros((width, n_free + rest.size + factor.n_outputs))
+    T[named, :n_free] = free
+    T[rest, n_free + np.arange(rest.size)] = 1.0
+    T[factor.n_terms + np.arange(factor.n_outputs), n_free + rest.size + np.arange(factor.n_outputs)] = 1.0
+    T[named, n_free + rest.size + output] = -fixed
+    # the rows of a triangular factor below its first columns are orthogonal to those columns
+    R = factor.combine(T).R[n_free:, n_free:]
+    return rest, Factor(R, factor.n_outputs, factor.n_samples)
+
+
+def stretch_factors(library: TermLibrary, layout: Layout, record: Record) -> list[Factor]:
+    """Return the factors of a few long stretches of the record, equal in usable samples."""
+    reach, whole = reach_of(library, layout), remembers_all(layout)
+    found = record.map(partial(usable_in_block, library, layout), reach=reach, whole=whole)
+    usable = np.array([n for _, n in found], dtype=int)
+    n_samples = int(usable.sum())
+    count = n_stretches(n_samples)
+    # stretch w holds the usable samples i with i * count // n_samples == w
+    edges = [-(-w * n_samples // count) for w in range(count + 1)]
+    done = {first: int(d) for (first, _), d in zip(found, np.cumsum(usable) - usable, strict=True)}
+    parts = record.total(
+        partial(stretches_of_block, library, layout, edges, done), merge_parts, reach=reach, whole=whole
+    )
+    empty = Factor.empty(len(library), len(layout.outputs))
+    return [parts.get(w, empty) for w in range(count)]
+
+
+def usable_in_block(library: TermLibrary, layout: Layout, block: Block) -> tuple[int, int]:
+    """Return where a block begins and how many of its samples have all lagged values."""
+    return block.first, Candidates.in_block(library, layout, block).n_rows
+
+
+def stretches_of_block(
+    library: TermLibrary, layout: Layout, edges: list[int], done: dict[int, int], block: Block
+) -> dict[int, Factor]:
+    """Return the factors of the parts of stretches that lie in a block."""
+    candidates = Candidates.in_block(library, layout, block)
+    begin = done[block.first]
+    found = {}
+    with single_threaded_blas():
+        for w, (a, b) in enumerate(pairwise(edges)):
+            rows = candidates.rows[max(a - begin, 0) : max(b - begin, 0)]
+            if rows.size:
+                found[w] = compress([replace(candidates, rows=rows)])
+    return found
+
+
+def merge_parts(one: dict[Any, Factor], other: dict[Any, Factor]) -> dict[Any, Factor]:
+    """Return the factors of both, those of the same part merged."""
+    return one | other | {key: one[key].merge(other[key]) for key in one.keys() & other.keys()}
+
+
+def scores_on_factors(factors: Sequence[Factor], theta: np.ndarray, output: int) -> OneStepScores:
+    """Return what `one_step_scores` sums over stretches, from the stretches' factors.
+
+    A factor has the inner products of its samples: Psi'Psi = R'R, and Psi'xi = R'(r - R theta) with r the
+    output's column.
+    """
+    left = [f.target(output) - f.Psi @ theta for f in factors]
+    n_samples = sum(f.n_samples for f in factors)
+    power = sum(float(r @ r) for r in left)
+    return OneStepScores(
+        np.array([f.Psi.T @ f.Psi for f in factors]),
+        np.array([f.Psi.T @ r for f, r in zip(factors, left, strict=True)]),
+        float(np.sqrt(power / max(n_samples - theta.size, 1))),
+    )
 
 
 @dataclass(frozen=True)

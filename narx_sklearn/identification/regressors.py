@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.identification.record import CHUNK_ROWS, ArrayRecord, Block
 from narx_sklearn.model.kernels import NO_STEP, term_columns
 from narx_sklearn.model.recording import Layout, Recording, lay_out
 from narx_sklearn.model.terms import TermLibrary
 
 BLOCK_ROWS = 2048  # a block of a few hundred columns stays in the second-level cache
-CHUNK_ROWS = 1 << 18  # samples laid out at a time: some megabytes a channel
 
 
 class ProductPlan(NamedTuple):
@@ -80,6 +80,12 @@ class Candidates:
         rows = recording.rows(table.channels, table.lags, targets=range(len(layout.outputs)))
         return cls(library, layout, recording, rows)
 
+    @classmethod
+    def in_block(cls, library: TermLibrary, layout: Layout, block: Block) -> "Candidates":
+        """Lay a block out and find the samples of its own at which all is known."""
+        found = cls.of(library, layout, lay_out(layout, block.X, block.y, block.sessions))
+        return cls(library, layout, found.recording, found.rows[found.rows >= block.n_past])
+
     @property
     def n_rows(self) -> int:
         """Number of usable samples."""
@@ -137,6 +143,17 @@ class Candidates:
         return Psi
 
 
+def reach_of(library: TermLibrary, layout: Layout) -> int:
+    """Return how many samples back the terms read, what phi regressors read included."""
+    reach = {p.name: p.reach for p in layout.phi}
+    return max((v.lag + reach.get(v.signal, 0) for v in library.variables), default=0)
+
+
+def remembers_all(layout: Layout) -> bool:
+    """Tell whether a phi regressor depends on the whole past of its session."""
+    return any(p.has_memory for p in layout.phi)
+
+
 def chunks(
     library: TermLibrary, layout: Layout, X: np.ndarray, y: np.ndarray, sessions=None, size: int = CHUNK_ROWS
 ) -> Iterator[Candidates]:
@@ -145,16 +162,13 @@ def chunks(
     Consecutive pieces overlap by the longest lag, so that no regressor is lost at an edge. phi regressors
     that remember further back need the whole recording, which is then one piece.
     """
-    n_samples = X.shape[0]
-    reach = {p.name: p.reach for p in layout.phi}
-    overlap = max((v.lag + reach.get(v.signal, 0) for v in library.variables), default=0)
-    whole = n_samples <= size or any(p.has_memory for p in layout.phi)
-    step = n_samples if whole else size
-    labels = None if sessions is None else np.asarray(sessions)
-    for begin in range(0, n_samples, step):
-        first = max(begin - overlap, 0)
-        part = slice(first, min(begin + step, n_samples))
-        inside = None if labels is None else labels[part]
-        recording = lay_out(layout, X[part], y[part], inside)
-        found = Candidates.of(library, layout, recording)
-        yield Candidates(library, layout, recording, found.rows[found.rows >= begin - first])
+    record = Block(X, y, None if sessions is None else np.asarray(sessions), 0, 0)
+    step = max(X.shape[0], 1) if remembers_all(layout) else size
+    for block in record.split(step, reach_of(library, layout)):
+        yield Candidates.in_block(library, layout, block)
+
+
+def candidates_of(library: TermLibrary, layout: Layout, record: ArrayRecord) -> Iterator[Candidates]:
+    """Yield the candidates of the blocks of a record in memory."""
+    for block in record.blocks(reach_of(library, layout), remembers_all(layout)):
+        yield Candidates.in_block(library, layout, block)

@@ -1,0 +1,1 @@
+"""Real recordings against simulations from which a documented effect was left out."""
