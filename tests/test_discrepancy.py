@@ -132,7 +132,7 @@ class TestFindings:
         plan = dx.next_experiment(amplitude=5.0, n_samples=800, between=["cubic_stiffness", "sensor_bias"])
         assert plan.u.shape == (800, 1)
         assert np.abs(plan.u).max() <= 5.0 + 1e-9
-        assert plan.separation > 4.0
+        assert plan.separation > 3.0  # standard deviations of the noise
         assert plan.table["separation"].is_monotonic_decreasing
 
     def test_the_corrected_simulation_becomes_a_narx_model(self, cubic):

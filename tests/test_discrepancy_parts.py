@@ -67,7 +67,7 @@ class TestWindows:
 
         assert window_length(simulator, Pace(0.1, True), 10_000) == 166  # no more than sixty windows
         assert window_length(simulator, Pace(1.0, True), 10_000) == 1000  # twenty time constants
-        assert window_length(simulator, Pace(1.0, False), 10_000) == 416  # twenty-four windows
+        assert window_length(simulator, Pace(1.0, False), 10_000) == 250  # forty windows
 
 
 class TestStructure:

@@ -587,7 +587,7 @@ class TestTransforms:
         assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
         assert transformed("input_polynomial", [2.0], [0.5, 0.25]).tolist() == [6.0]
         assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4], dt=1.0).tolist() == pytest.approx(
-            [0.0, 0.4, 0.8, 0.4]
+            [0.0, 0.2, 0.6, 0.6]  # means of ramps from 0 to 0.4, 0.4 to 0.8, 0.8 to 0.4
         )
         assert transformed("gain_drift", [1.0, 1.0, 1.0], [0.5], dt=1.0, first=[0, 2]).tolist() == [
             1.0,

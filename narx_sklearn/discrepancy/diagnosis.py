@@ -29,8 +29,9 @@ from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
 
-UNEXPLAINED = 0.15  # share of what could be explained that one named effect may leave to anything else
-UNEXPLAINED_BY_TWO = 0.05  # two effects together bend to almost anything, so they must leave less
+UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
+UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
+MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -115,16 +116,17 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     refitted = fit(problem, refitted.model)
     nominal = fit_initial_states(problem, nominal.model.x0)
     settings.tell("search for missing physics")
-    steps = search(
-        problem,
-        refitted,
-        lambda found: _hypotheses(problem, found, structure, settings),
-        alpha=settings.alpha,
-        max_effects=settings.max_effects,
-        n_leaders=settings.n_leaders,
-        random_state=settings.random_state,
-        n_jobs=settings.n_jobs,
-    )
+    steps = _searched(problem, refitted, structure, settings)
+    found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
+    leading = min(found, key=lambda c: c.criterion, default=None)
+    if leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
+        # so much of the residual was structure that the noise could not be seen under it: look again
+        settings.tell("search again, under the noise that the first effect leaves")
+        left = problem.raw(problem.y - problem.run(leading.fit.model).y)
+        problem = problem.with_noise(estimate_noise(left, problem.seen))
+        refitted = fit(problem, refitted.model)
+        nominal = fit_initial_states(problem, nominal.model.x0)
+        steps = _searched(problem, refitted, structure, settings)
     p_missing = steps[0].detection.p_value
     nothing = Candidate(refitted, problem.n_seen)
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
@@ -164,6 +166,19 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         tuple(steps),
         unnamed,
         pace.time_constant,
+    )
+
+
+def _searched(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> list[Step]:
+    return search(
+        problem,
+        refitted,
+        lambda found: _hypotheses(problem, found, structure, settings),
+        alpha=settings.alpha,
+        max_effects=settings.max_effects,
+        n_leaders=settings.n_leaders,
+        random_state=settings.random_state,
+        n_jobs=settings.n_jobs,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 
-WINDOWS = 24  # where an integrator or an unstable mode lets errors grow
+WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
 FEWEST = 4
 MOST = 60  # more windows cost information on slow dynamics and bring little
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
