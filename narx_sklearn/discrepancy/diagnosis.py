@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
+from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
     Candidate,
     Step,
     gains,
+    leaders,
     likeliest,
     look_alikes,
     probe,
@@ -110,23 +112,29 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     refitted = fit(problem, refitted.model, iterations=2)
     settings.tell("colour of the noise")
     bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
-    residual, _ = flexible_residual(bank, problem.n_seen)
-    residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
+    leading = _leading(problem, refitted, bank, settings)
+    dominated = leading is not None and leading.fit.cost < MOSTLY * refitted.cost
+    if leading is not None and dominated:
+        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
+        residual = problem.raw(problem.y - problem.run(leading.fit.model).y)
+    else:
+        residual, _ = flexible_residual(bank, problem.n_seen)
+        residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model)
     nominal = fit_initial_states(problem, nominal.model.x0)
     settings.tell("search for missing physics")
-    steps = _searched(problem, refitted, structure, settings)
+    steps = _searched(problem, refitted, structure, settings, dominated)
     found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
     leading = min(found, key=lambda c: c.criterion, default=None)
-    if leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
+    if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
         # so much of the residual was structure that the noise could not be seen under it: look again
         settings.tell("search again, under the noise that the first effect leaves")
         left = problem.raw(problem.y - problem.run(leading.fit.model).y)
         problem = problem.with_noise(estimate_noise(left, problem.seen))
         refitted = fit(problem, refitted.model)
         nominal = fit_initial_states(problem, nominal.model.x0)
-        steps = _searched(problem, refitted, structure, settings)
+        steps = _searched(problem, refitted, structure, settings, True)
     p_missing = steps[0].detection.p_value
     nothing = Candidate(refitted, problem.n_seen)
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
@@ -169,7 +177,17 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     )
 
 
-def _searched(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> list[Step]:
+def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> Candidate | None:
+    """Return the best single effect under white noise, fully fitted."""
+    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0)
+    placed = leaders(bank, settings.n_leaders, certain, 1.0)
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs)
+    return found[0] if found else None
+
+
+def _searched(
+    problem: Problem, refitted: Fit, structure: Structure, settings: Settings, dominated: bool
+) -> list[Step]:
     return search(
         problem,
         refitted,
@@ -179,6 +197,7 @@ def _searched(problem: Problem, refitted: Fit, structure: Structure, settings: S
         n_leaders=settings.n_leaders,
         random_state=settings.random_state,
         n_jobs=settings.n_jobs,
+        dominated=dominated,
     )
 
 

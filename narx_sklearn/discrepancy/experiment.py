@@ -183,6 +183,8 @@ def confusability(
         What might be missing.
     noise : float
         Standard deviation of the measurement noise, in the output's unit.
+    n_windows : int, default=24
+        Windows with initial states of their own.
 
     Returns
     -------

@@ -161,6 +161,7 @@ def search(
     n_leaders: int,
     random_state=None,
     n_jobs=None,
+    dominated: bool = False,
 ) -> list[Step]:
     """Add effects one after another while the test finds something left; return the steps taken.
 
@@ -176,7 +177,8 @@ def search(
             hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
-            if rank == 0 and detection.p_value <= alpha and _best_share(bank) < PLAIN:
+            doubtful = not (dominated and not candidate.effects) and _best_share(bank) < PLAIN
+            if rank == 0 and detection.p_value <= alpha and doubtful:
                 detection = cautious(problem, candidate.fit, hypotheses, detection, random_state, n_jobs)
             if rank == 0:
                 steps.append(Step(detection, bank, pool))

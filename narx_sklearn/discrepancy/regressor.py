@@ -334,6 +334,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         base = self._diagnosis.problem.simulator
         pool = [self._diagnosis.best, *(c for rivals in self._diagnosis.alternatives for c in rivals)]
         tried = [c for step in self._diagnosis.steps for c in step.candidates]
+        wanted = min(max(len(pool), 2), MOST_RIVALS)
         if between is not None:
             pool = []
             for code in between:
@@ -344,13 +345,15 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                         f"{sorted({e.effect.code for c in tried for e in c.effects})}."
                     )
                 pool.append(min(having, key=lambda c: c.criterion))
-        elif len(pool) < 2:
-            pool = sorted(tried, key=lambda c: c.criterion)[:3]
+        if between is None:
+            pool = [*pool, *sorted(tried, key=lambda c: c.criterion)]
         rivals: dict[str, Simulator] = {}
-        for candidate in pool[:MOST_RIVALS]:
+        for candidate in pool:
             name = " + ".join(f"{e.effect.code} at {e.port}" for e in candidate.effects) or "nothing"
             model = candidate.fit.model
             rivals.setdefault(name, base.with_parameters(model.p).with_effects(model.effects))
+            if len(rivals) == (MOST_RIVALS if between else wanted):
+                break
         if len(rivals) < 2:
             raise ValueError(
                 "There is only one explanation, so no experiment is needed to separate it from others. Pass "
@@ -473,9 +476,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.confidence_ = self.findings_[0].confidence if self.findings_ else 1.0 - diagnosis.p_missing
         self._tell("location")
         self.location_ = locate(diagnosis, self.random_state)
-        if not self.findings_ and len(self.location_.segments):
-            # no effect explains it, yet some stretches are worse than others: not noise of one kind
-            self.verdict_ = "unknown"
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         if (

@@ -1,6 +1,6 @@
 """What a diagnosis says, as values."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 VERDICTS = {
     "consistent": "The simulation agrees with the recordings; nothing is missing that these data can show.",
@@ -15,29 +15,35 @@ VERDICTS = {
 class Finding:
     """One effect found missing.
 
-    Attributes
+    Parameters
     ----------
     effect, title, sentence, equation : str
         Entry of the catalogue.
     port : str
-        Where it enters, ``"state:1"``; ``place`` says it in words.
+        Where it enters, ``"state:1"``.
+    place : str
+        The same in words.
     argument : str
         The signal it depends on, with unit.
-    parameters, intervals, units : dict
-        Values by name, their confidence intervals, their units.
+    parameters : dict
+        Values by name.
+    intervals : dict
+        Their confidence intervals.
+    units : dict
+        Their units.
     lookalikes : tuple of str
         Codes of the effects that explain these data about as well.
-    rivals : tuple of str
-        The same with their places, ``"code at port"``.
     p_value : float
         Of the test that something is missing, adjusted for everything that was tried.
     improvement : float
-        Share of the fitting windows' squared error that it takes away.
-    confidence : float
-        Weight of this effect among all that were tried in its place.
-    separate_by : str
+        Share of the fitting windows' squared error that the whole set takes away.
+    separate_by : str, default=""
         What experiment tells it from its look-alikes.
-    evidence : dict
+    rivals : tuple of str, default=()
+        The look-alikes with their places, ``"code at port"``.
+    confidence : float, default=0.0
+        Weight of this effect among all that were tried in its place.
+    evidence : dict, default=None
         Numbers behind it.
     """
 
@@ -57,4 +63,4 @@ class Finding:
     separate_by: str = ""
     rivals: tuple[str, ...] = ()
     confidence: float = 0.0
-    evidence: dict = field(default_factory=dict)
+    evidence: dict | None = None
