@@ -3,8 +3,8 @@
 The record is that of the EMPS benchmark. It is fetched, or read from the folder that the environment variable
 NARX_SKLEARN_DATA names; without either the script says so and ends.
 
-The suspects are friction only, chosen after others had been tried on this record; what the whole catalogue says of it
-is printed by ``benchmarks/real_mismatch.py``.
+The suspects are friction only, chosen after others had been tried on this record; what the whole catalogue
+says of it is printed by ``benchmarks/real_mismatch.py``.
 """
 
 import argparse
