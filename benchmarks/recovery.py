@@ -9,7 +9,7 @@ from statistics import median
 
 import methods
 import numpy as np
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.measure import run_fresh
 from harness.polynomial import term_text
 from harness.tables import format_table, save_json

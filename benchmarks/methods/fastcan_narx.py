@@ -13,7 +13,7 @@ from math import comb
 import numpy as np
 from fastcan import FastCan, refine
 from fastcan.narx import NARX, make_narx, make_poly_features, make_poly_ids, make_time_shift_features, tp2fd
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.polynomial import Term, bic, term_text
 from harness.search import Config, StandardisedModel, search_by_free_run
 

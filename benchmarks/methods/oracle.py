@@ -5,7 +5,7 @@ standardised inside: the true structure of the physical system is the same in an
 """
 
 import numpy as np
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.polynomial import PlainModel, fit_free_run, fit_least_squares, term_text
 
 

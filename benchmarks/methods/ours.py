@@ -8,7 +8,7 @@ recording (`ours_black_box.py`). Both decide on the training record alone.
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.polynomial import Term, term_text
 from harness.recordings import SearchSpec
 

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.polynomial import PlainModel, bic, longest_lag, make_library, regressor_matrix
 from pysindy.optimizers import SSR, STLSQ
 

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from harness.library import LibrarySpec
+from harness.candidates import LibrarySpec
 from harness.polynomial import Term, term_text
 from harness.search import Config, StandardisedModel, search_by_free_run
 from sysidentpy.basis_function import Polynomial

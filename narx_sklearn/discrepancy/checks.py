@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.mistakes import (
     make_case,
 )
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.windows import slowest_time_constant
+from narx_sklearn.discrepancy.windows import find_pace
 
 TIME_CONSTANTS = 4.0  # a window's length; a session should hold one
 SAMPLES_A_NUMBER = 10  # samples for each number that is fitted, at least
@@ -141,7 +141,9 @@ def _short_record(simulator: Simulator, u, pieces):
             u, np.zeros((u.shape[0], len(simulator.outputs))), np.array([piece.start])
         )
         run = simulator.run(u, Windows.whole([piece]), np.nan_to_num(known))
-        constant = slowest_time_constant(simulator, run.x[piece], u[piece]) if len(simulator.states) else 0.0
+        constant = (
+            find_pace(simulator, run.x[piece], u[piece]).time_constant if len(simulator.states) else 0.0
+        )
         wanted = max(wanted, int(np.ceil(TIME_CONSTANTS * constant / simulator.dt)))
     if longest < wanted:
         yield DataFinding(

@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.explain import (
     search,
 )
 from narx_sklearn.discrepancy.generic import CODE, curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
@@ -47,9 +47,7 @@ class Diagnosis:
     nominal: Fit  # initial states only
     refitted: Fit
     best: Candidate  # the set chosen, empty when nothing is missing
-    alternatives: tuple[
-        tuple[Candidate, ...], ...
-    ]  # for each effect of the set, what could stand in its place
+    alternatives: tuple[tuple[Candidate, ...], ...]  # what could stand in the place of each of its effects
     p_missing: float
     p_moved: float
     steps: tuple[Step, ...]
@@ -116,13 +114,12 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     dominated = leading is not None and leading.fit.cost < MOSTLY * refitted.cost
     if leading is not None and dominated:
         # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
-        residual = problem.raw(problem.y - problem.run(leading.fit.model).y)
+        residual = problem.left_over(leading.fit.model)
     else:
         residual, _ = flexible_residual(bank, problem.n_seen)
         residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model)
-    nominal = fit_initial_states(problem, nominal.model.x0)
     settings.tell("search for missing physics")
     steps = _searched(problem, refitted, structure, settings, dominated)
     found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
@@ -130,37 +127,24 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
         # so much of the residual was structure that the noise could not be seen under it: look again
         settings.tell("search again, under the noise that the first effect leaves")
-        left = problem.raw(problem.y - problem.run(leading.fit.model).y)
-        problem = problem.with_noise(estimate_noise(left, problem.seen))
+        problem = problem.with_noise(estimate_noise(problem.left_over(leading.fit.model), problem.seen))
         refitted = fit(problem, refitted.model)
-        nominal = fit_initial_states(problem, nominal.model.x0)
         steps = _searched(problem, refitted, structure, settings, True)
     p_missing = steps[0].detection.p_value
-    nothing = Candidate(refitted, problem.n_seen)
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+    nominal = fit_initial_states(problem, nominal.model.x0)
     p_moved = parameters_moved(problem, nominal, settings.random_state)
-    if p_missing > settings.alpha or not pool:
-        verdict = "refit" if p_moved <= settings.alpha else "consistent"
-        return Diagnosis(
-            verdict,
-            problem,
-            structure,
-            nominal,
-            refitted,
-            nothing,
-            (),
-            p_missing,
-            p_moved,
-            tuple(steps),
-            None,
-            pace.time_constant,
-        )
-    settings.tell("rivals and unnamed curves")
-    best = _converged(problem, likeliest(pool))
-    alternatives = _alternatives(problem, best, pool)
-    unnamed = _unnamed(problem, refitted, structure, settings)
-    leftover = _leftover(problem, best, structure, settings)
-    verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
+    verdict = "refit" if p_moved <= settings.alpha else "consistent"
+    best = Candidate(refitted, problem.n_seen)
+    alternatives: tuple[tuple[Candidate, ...], ...] = ()
+    unnamed = None
+    if p_missing <= settings.alpha and pool:
+        settings.tell("rivals and unnamed curves")
+        best = _converged(problem, likeliest(pool))
+        alternatives = _alternatives(problem, best, pool)
+        unnamed = _unnamed(problem, refitted, structure, settings)
+        leftover = _leftover(problem, best, structure, settings)
+        verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
     return Diagnosis(
         verdict,
         problem,
@@ -213,6 +197,13 @@ def _hypotheses(problem: Problem, found: Fit, structure: Structure, settings: Se
     return enumerate_hypotheses(settings.effects, problem, found.model, problem.run(found.model), structure)
 
 
+def _curves(problem: Problem, found: Fit, structure: Structure) -> list[Hypothesis]:
+    """Return the unnamed curves at every port, knots where a fitted model's run goes."""
+    run = problem.run(found.model)
+    rows = problem.rows[problem.inside]
+    return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+
+
 def _converged(problem: Problem, candidate: Candidate) -> Candidate:
     return Candidate(fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7), candidate.n_samples)
 
@@ -253,18 +244,14 @@ def _replaced(candidate: Candidate, kept: set) -> set[str]:
 
 def _unnamed(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Candidate | None:
     """Return the best broken line at any port, on top of the refitted simulator."""
-    run = problem.run(refitted.model)
-    rows = problem.rows[problem.inside]
-    curves = curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+    curves = _curves(problem, refitted, structure)
     found = refit_leaders(problem, refitted, [c.placed for c in curves], settings.n_jobs)
     return found[0] if found else None
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):
     """Return the test of what the named set leaves, and the gain of the best further column or curve."""
-    run = problem.run(best.fit.model)
-    rows = problem.rows[problem.inside]
-    curves = curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+    curves = _curves(problem, best.fit, structure)
     taken = {effect.place for effect in best.effects}
     named = [h for h in _hypotheses(problem, best.fit, structure, settings) if h.placed.place not in taken]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)

@@ -213,8 +213,7 @@ def cautious(
     weighing effects. But slow noise (a drift) looks like slow effects, and they took it out with them. What
     is real still stands out when its own trace counts as noise.
     """
-    run = problem.run(base.model)
-    own = problem.with_noise(estimate_noise(problem.raw(problem.y - run.y), problem.seen))
+    own = problem.with_noise(estimate_noise(problem.left_over(base.model), problem.seen))
     refitted = fit(own, base.model, iterations=4)
     found = probe(own, refitted, make_bank(own, refitted, hypotheses, n_jobs), random_state)
     return found if found.p_value > detection.p_value else detection
@@ -235,7 +234,7 @@ def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=No
         u=_driving(problem),
         n_outputs=problem.y.shape[1],
         n_samples=problem.n_seen,
-        n_fitted=base.model.q.size + int(problem.simulator.free_states.sum()) * problem.windows.count,
+        n_fitted=base.model.q.size + problem.n_initial,
         random_state=random_state,
     )
 

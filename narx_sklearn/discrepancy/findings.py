@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from narx_sklearn.discrepancy.acting import correction_unit
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.generic import CODE
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
 
@@ -38,25 +40,21 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
                 parameters=dict(zip(names, (float(v) for v in placed.theta), strict=True)),
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
-                lookalikes=tuple(dict.fromkeys(code for c in rivals for code in _rival_codes(c, best))),
-                rivals=tuple(_rival_name(c, best) for c in rivals),
+                lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
+                rivals=tuple(in_short(_rivals(c, best)) for c in rivals),
                 p_value=diagnosis.p_missing,
                 confidence=_confidence(diagnosis, best, i),
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
                 evidence={
-                    "criterion_gain": float(base.cost and _criterion_gain(diagnosis, best)),
+                    "criterion_gain": float(
+                        base.cost and Candidate(base, best.n_samples).criterion - best.criterion
+                    ),
                     "next_best": float(rivals[0].criterion - best.criterion) if rivals else None,
                 },
             )
         )
     return found
-
-
-def _criterion_gain(diagnosis: Diagnosis, best) -> float:
-    from narx_sklearn.discrepancy.explain import Candidate
-
-    return Candidate(diagnosis.refitted, best.n_samples).criterion - best.criterion
 
 
 def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
@@ -74,15 +72,10 @@ def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
     return (1.0 - diagnosis.p_missing) / sum(weights.values())
 
 
-def _rival_codes(candidate, best) -> list[str]:
+def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
+    """Return the effects of a candidate that the best has not."""
     places = {effect.place for effect in best.effects}
-    return [e.effect.code for e in candidate.effects if e.place not in places]
-
-
-def _rival_name(candidate, best) -> str:
-    places = {effect.place for effect in best.effects}
-    different = [e for e in candidate.effects if e.place not in places]
-    return " + ".join(f"{e.effect.code} at {e.port}" for e in different)
+    return [e for e in candidate.effects if e.place not in places]
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:
@@ -92,12 +85,7 @@ def parameter_names(placed: PlacedEffect) -> list[str]:
 
 def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     """Return the units of the effect's parameters, with the port's and the argument's units put in."""
-    kind, index = placed.port
-    if kind == "state":
-        unit = simulator.states[index].unit
-        port = unit if simulator.discrete else (f"{unit}/s" if unit else "1/s")
-    else:
-        port = (simulator.inputs if kind == "input" else simulator.outputs)[index].unit
+    port = correction_unit(placed, simulator)
     second = simulator.inputs[placed.second].unit if placed.second >= 0 else ""
     fill = {"port": port, "arg": placed.argument_unit or "-", "second": second or "-"}
     units = [p.unit.format(**fill) for p in placed.effect.parameters]

@@ -26,7 +26,7 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
     bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-12, hermitian=True)
     length = block_length(r.shape[0], r.shape[1] // n_outputs)
     scores = blocks_of(J * r[:, :, None], n_outputs, length) / size
-    fitted = n + int(problem.simulator.free_states.sum()) * problem.windows.count
+    fitted = n + problem.n_initial
     factor = problem.n_seen / max(problem.n_seen - fitted, 1)
     robust = bread @ (scores.T @ scores) @ bread * factor
     plain = bread * fit.cost / max(problem.n_seen - fitted, 1)
@@ -51,13 +51,12 @@ def parameters_moved(problem: Problem, fit: Fit, random_state=None) -> float:
     n = columns.shape[2]
     none = np.zeros(n, dtype=int)
     bank = Bank([], none, none, columns, residual, gram, flat.T @ residual.ravel(), np.diag(gram) > 0)
-    fitted = int(problem.simulator.free_states.sum()) * problem.windows.count
     found = detect(
         bank,
         np.ones(n, dtype=bool),
         n_outputs=problem.y.shape[1],
         n_samples=problem.n_seen,
-        n_fitted=fitted,
+        n_fitted=problem.n_initial,
         random_state=random_state,
     )
     return float(found.p_values.min(initial=1.0))

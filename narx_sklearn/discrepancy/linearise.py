@@ -30,21 +30,24 @@ def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray
     return rates, outputs
 
 
+def central_differences(function, at: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the derivatives of a function of one vector, shape (n_values, n_arguments)."""
+    columns = []
+    for j, step in enumerate(steps):
+        ahead, behind = at.copy(), at.copy()
+        ahead[j] += step
+        behind[j] -= step
+        with np.errstate(all="ignore"):  # beyond the finite range the derivatives are not finite either
+            columns.append((function(ahead) - function(behind)) / (ahead[j] - behind[j]))
+    return np.array(columns).T if columns else np.zeros((function(at).size, 0))
+
+
 def linearise(simulator: Simulator, x, u, p=None) -> Linearisation:
     """Return the derivatives of a simulator's equations, effects not counted, by central differences."""
-    n, m = len(simulator.states), len(simulator.inputs)
+    n = len(simulator.states)
     at = np.concatenate([np.asarray(x, dtype=float), np.asarray(u, dtype=float)])
-    columns = []
-    for j in range(n + m):
-        ahead, behind = at.copy(), at.copy()
-        h = STEP * max(abs(at[j]), 1.0)
-        ahead[j] += h
-        behind[j] -= h
-        with np.errstate(all="ignore"):  # beyond the finite range the derivatives are not finite either
-            upper = np.concatenate(evaluate(simulator, ahead[:n], ahead[n:], p))
-            lower = np.concatenate(evaluate(simulator, behind[:n], behind[n:], p))
-            columns.append((upper - lower) / (ahead[j] - behind[j]))
-    J = np.array(columns).reshape(n + m, -1).T
+    steps = STEP * np.maximum(np.abs(at), 1.0)
+    J = central_differences(lambda v: np.concatenate(evaluate(simulator, v[:n], v[n:], p)), at, steps)
     return Linearisation(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:])
 
 

@@ -1,5 +1,6 @@
 """Effects at their place: a port of a simulator, with arguments and parameter values."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -68,3 +69,8 @@ class PlacedEffect:
     def n_theta(self) -> int:
         """Number of parameters, the share that goes on included."""
         return len(self.effect.parameters) + (self.onward >= 0)
+
+
+def in_short(effects: Iterable[PlacedEffect]) -> str:
+    """Return a set of effects as ``"code at port + code at port"``."""
+    return " + ".join(f"{placed.effect.code} at {placed.port}" for placed in effects)

@@ -96,6 +96,15 @@ class Problem:
         """Return the whitened residual y - y_sim, (W, T)."""
         return self.whiten(self.y - run.y)
 
+    def left_over(self, model: Model) -> np.ndarray:
+        """Return what a model leaves of the outputs, not whitened, (W, L, n_outputs)."""
+        return self.raw(self.y - self.run(model).y)
+
+    @property
+    def n_initial(self) -> int:
+        """Number of free initial states of all windows."""
+        return int(self.simulator.free_states.sum()) * self.windows.count
+
     def states_sensitivity(self, model: Model, base: Run, scale: np.ndarray) -> np.ndarray:
         """Return d y_sim / d x0, whitened, (W, T, n_free): every window's own state moves at once."""
         free = np.flatnonzero(self.simulator.free_states)

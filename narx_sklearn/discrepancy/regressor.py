@@ -22,11 +22,12 @@ from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
+from narx_sklearn.discrepancy.placed import in_short
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
-from narx_sklearn.discrepancy.verify import initial_state, score_table, squared_errors
+from narx_sklearn.discrepancy.verify import compared, initial_state, score_table, squared_errors
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
@@ -349,7 +350,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             pool = [*pool, *sorted(tried, key=lambda c: c.criterion)]
         rivals: dict[str, Simulator] = {}
         for candidate in pool:
-            name = " + ".join(f"{e.effect.code} at {e.port}" for e in candidate.effects) or "nothing"
+            name = in_short(candidate.effects) or "nothing"
             model = candidate.fit.model
             rivals.setdefault(name, base.with_parameters(model.p).with_effects(model.effects))
             if len(rivals) == (MOST_RIVALS if between else wanted):
@@ -496,17 +497,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             long_enough = [s for s in held_out if s.stop - s.start > 2 * n_init]
         if not long_enough:
             return pd.DataFrame()
-        simulators = {
-            "nominal": self._diagnosis.problem.simulator,
-            "refitted": self.refitted_simulator_,
-            "augmented": self.simulator_,
-        }
         guesses = {
             "nominal": self._diagnosis.nominal.model.x0[-1],
             "refitted": self._diagnosis.refitted.model.x0[-1],
             "augmented": self._guess,
         }
-        errors = squared_errors(simulators, u, y, long_enough, n_init, guesses)
+        errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses)
         spread = np.nanstd(np.concatenate([y[s] for s in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
 

@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.discrepancy.linearise import central_differences, evaluate
 from narx_sklearn.discrepancy.simulator import Simulator
-from narx_sklearn.discrepancy.windows import rates_of
 
 POINTS = 6  # states of the run at which derivatives are compared
+STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
 ALIKE = 1e-6  # relative difference below which a derivative counts as the same
 
 
@@ -33,13 +34,18 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     points = good[np.linspace(0, good.size - 1, POINTS).astype(int)] if good.size else np.zeros(0, int)
     x_size = np.maximum(np.nanstd(x, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(x), axis=0), 1e-6))
     u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
+    p = simulator.nominal
+    p_size = np.where(p != 0, np.abs(p), 1.0)
     Jx, Ju, Jp = [], [], []
     for k in points:
-        Jx.append(_derivatives(lambda v, k=k: rates_of(simulator, v, u[k]), x[k], x_size))
-        Ju.append(_derivatives(lambda v, k=k: rates_of(simulator, x[k], v), u[k], u_size))
-        p = simulator.nominal
-        p_size = np.where(p != 0, np.abs(p), 1.0)
-        Jp.append(_derivatives(lambda v, k=k: rates_of(simulator, x[k], u[k], v), p, p_size))
+        at_x, at_u = x[k], u[k]
+
+        def rates(x=at_x, u=at_u, p=None):
+            return evaluate(simulator, x, u, p)[0]
+
+        Jx.append(central_differences(lambda v, rates=rates: rates(x=v), at_x, STEP * x_size))
+        Ju.append(central_differences(lambda v, rates=rates: rates(u=v), at_u, STEP * u_size))
+        Jp.append(central_differences(lambda v, rates=rates: rates(p=v), p, STEP * p_size))
     Jx, Ju, Jp = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp))
     weight = np.abs(Jx) * x_size
     largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
@@ -60,12 +66,3 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         kinematic |= ~simulator.free_states
     sign = np.sign(Jx.mean(axis=0)) if len(Jx) else np.zeros((n, n))
     return Structure(tuple(partner), kinematic, depends, sign, driven)
-
-
-def _derivatives(function, at: np.ndarray, size: np.ndarray) -> np.ndarray:
-    columns = []
-    for j in range(at.size):
-        shift = np.zeros(at.size)
-        shift[j] = 1e-4 * size[j]
-        columns.append((function(at + shift) - function(at - shift)) / (2 * shift[j]))
-    return np.array(columns).T.reshape(-1, at.size) if columns else np.zeros((function(at).size, 0))

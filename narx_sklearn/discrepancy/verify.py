@@ -14,6 +14,15 @@ BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000
 
 
+def compared(dx) -> dict[str, Simulator]:
+    """Return the simulators that a fitted DiscrepancyRegressor compares, by the names of its scores."""
+    return {
+        "nominal": dx._diagnosis.problem.simulator,
+        "refitted": dx.refitted_simulator_,
+        "augmented": dx.simulator_,
+    }
+
+
 class FreeRun(NamedTuple):
     """One stretch run freely from an initial state found on its first samples."""
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.discrepancy.linearise import central_differences, evaluate
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 
 WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
@@ -39,27 +40,10 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
     return Pace(float(np.median(constants)) if constants else 0.0, 2 * lasting < max(len(constants), 1))
 
 
-def rates_of(simulator: Simulator, x: np.ndarray, u: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
-    """Return the right-hand side at one point, shape (n_states,)."""
-    written = np.empty(x.size)
-    simulator._equations()[0](
-        np.array(x, dtype=float), np.array(u, dtype=float), simulator.nominal if p is None else p, written
-    )
-    return written
-
-
-def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray, p=None, scale=None) -> np.ndarray:
-    """Return d rhs / d x at one point by central differences, shape (n_states, n_states)."""
-    n = x.size
-    scale = np.maximum(np.abs(x), 1e-3) if scale is None else scale
-    J = np.empty((n, n))
-    for j in range(n):
-        shift = np.zeros(n)
-        shift[j] = 1e-5 * scale[j]
-        J[:, j] = (rates_of(simulator, x + shift, u, p) - rates_of(simulator, x - shift, u, p)) / (
-            2 * shift[j]
-        )
-    return J
+def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return d rhs / d x at one point, (n_states, n_states), with steps that suit small units too."""
+    steps = 1e-5 * np.maximum(np.abs(x), 1e-3)
+    return central_differences(lambda v: evaluate(simulator, v, u)[0], x, steps)
 
 
 def cut(pieces, length: int, shortest: int) -> Windows:
@@ -94,8 +78,3 @@ def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
         wanted = TIME_CONSTANTS * pace.time_constant / simulator.dt
     length = np.clip(wanted, n_samples / MOST, n_samples / FEWEST)
     return int(max(length, 8 * (n_free + 1)))
-
-
-def slowest_time_constant(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> float:
-    """Return the longest time constant, s, of the modes that decay; 0 when there is none."""
-    return find_pace(simulator, x, u).time_constant

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
-from narx_sklearn.discrepancy.verify import free_run
+from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,
     GREEN,
@@ -98,11 +98,7 @@ class BeforeAfterDisplay:
                 f"{type(estimator).__name__} holds no refitted simulation; pass a fitted "
                 "DiscrepancyRegressor, or use BeforeAfterDisplay.from_predictions(y_true, runs)."
             )
-        simulators = {
-            "nominal": estimator._diagnosis.problem.simulator,
-            "refitted": estimator.refitted_simulator_,
-            "augmented": estimator.simulator_,
-        }
+        simulators = compared(estimator)
         u, measured = estimator._inputs(X), as_signals(y, "y")
         check_same_length(X=u, y=measured, sessions=sessions)
         if not 0 <= output < measured.shape[1]:

@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
+from narx_sklearn.discrepancy.acting import correction_name, correction_unit, signal_change, state_forces
 from narx_sklearn.discrepancy.locate import force_curve, latent_force, tangent
 from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.windows import rates_of
 from narx_sklearn.report._runs import Material
 
 MOST_POINTS = 2500  # of the cloud
@@ -48,9 +47,9 @@ def effect_curves(dx, material: Material) -> list[EffectCurve]:
     problem = dx._diagnosis.problem
     windows, rows = problem.windows, problem.rows[problem.inside]
     rows = rows[np.isfinite(material.after.x[rows]).all(axis=1)]
-    thin = rows[:: max(1, -(-rows.size // MOST_POINTS))]
+    thin = rows[_thinned(rows)]
     simulator = problem.simulator.with_parameters(material.p).with_effects(material.effects)
-    forces = _state_forces(simulator, material, windows, thin)
+    forces = state_forces(simulator, material.after, material.u, windows, thin)
     return [
         _curve(simulator, material, index, windows, rows, thin, forces.get(index))
         for index in range(len(material.effects))
@@ -70,54 +69,17 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
     else:
         signal = material.u if placed.port.kind == "input" else run.y
         at = signal[rows, placed.port.index]
-        argument, fitted = _signal_change(placed, signal, material.u, windows, rows, simulator.dt)
-        argument, fitted = (
-            argument[:: max(1, -(-rows.size // MOST_POINTS))],
-            fitted[:: max(1, -(-rows.size // MOST_POINTS))],
-        )
+        argument, fitted = signal_change(placed, signal, material.u, windows, rows, simulator.dt)
+        argument, fitted = argument[_thinned(rows)], fitted[_thinned(rows)]
     table = force_curve(latent.w[rows], at, w_std=latent.w_std[rows])
     table["fitted"] = _medians(fitted, argument, table["argument"].to_numpy())
     keep = np.isin(rows, thin)
     return EffectCurve(argument, fitted, at[keep], latent.w[rows][keep], table, *_labels(placed, simulator))
 
 
-def _state_forces(simulator, material: Material, windows: Windows, rows: np.ndarray) -> dict:
-    """Return (argument, force) for each effect at a state equation, in the order the kernel adds them."""
-    acting = [(i, e) for i, e in enumerate(simulator.effects) if e.port.kind == "state"]
-    run, u, dt = material.after, material.u, simulator.dt
-    step = 1.0 if simulator.discrete else dt / simulator.substeps
-    session = windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
-    arguments, values = np.zeros((2, len(acting), rows.size))
-    functions = [compiled_force(placed.effect.force) for _, placed in acting]
-    thetas = np.zeros((len(acting), MAX_THETA))
-    for theta, (_, placed) in zip(thetas, acting, strict=True):
-        n = len(placed.effect.parameters)
-        theta[:n] = placed.theta[:n]
-    for at, (k, began) in enumerate(zip(rows, session, strict=True)):
-        x = run.x[k]
-        nominal = rates_of(simulator, x, u[k])
-        slope = nominal.copy()
-        for e, (_, placed) in enumerate(acting):
-            weights, port = np.array(placed.weights), placed.port.index
-            rate = weights @ ((nominal - x) / dt if simulator.discrete else nominal)
-            own = slope[port] - (x[port] if simulator.discrete else 0.0)
-            z = run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy()
-            other = u[k, placed.second] if placed.second >= 0 else 0.0
-            time = (k - began) * dt
-            arguments[e, at] = weights @ x
-            values[e, at] = functions[e](
-                arguments[e, at], rate, own, other, time, step, z, thetas[e], np.zeros(MAX_MEMORY)
-            )
-            slope[port] += values[e, at]
-    return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
-
-
-def _signal_change(placed, signals, u, windows: Windows, rows, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signal at an input or output and what the effect adds to it."""
-    signal = signals[rows, placed.port.index]
-    second = u[rows, placed.second] if placed.second >= 0 else None
-    begin = np.searchsorted(rows, windows.first[windows.fresh])
-    return signal, placed.effect.transform(signal, second, dt, np.array(placed.theta), begin) - signal
+def _thinned(rows: np.ndarray) -> slice:
+    """Return every how manyth sample goes into the cloud."""
+    return slice(None, None, max(1, -(-rows.size // MOST_POINTS)))
 
 
 def _medians(values: np.ndarray, argument: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -131,12 +93,10 @@ def _medians(values: np.ndarray, argument: np.ndarray, centres: np.ndarray) -> n
 
 
 def _labels(placed, simulator) -> tuple[str, str]:
-    argument = (
-        f"{placed.argument_name} [{placed.argument_unit}]" if placed.argument_unit else placed.argument_name
+    return _labelled(placed.argument_name, placed.argument_unit), _labelled(
+        correction_name(placed, simulator), correction_unit(placed, simulator)
     )
-    kind, index = placed.port
-    signal = {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[kind][index]
-    if kind != "state":
-        return argument, f"added to {signal.name}" + (f" [{signal.unit}]" if signal.unit else "")
-    unit = signal.unit if simulator.discrete else (f"{signal.unit}/s" if signal.unit else "1/s")
-    return argument, f"added to the rate of {signal.name}" + (f" [{unit}]" if unit else "")
+
+
+def _labelled(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name

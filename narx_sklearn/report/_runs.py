@@ -8,7 +8,7 @@ from narx_sklearn._validation import finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulator import Run, Simulator
-from narx_sklearn.discrepancy.verify import free_run
+from narx_sklearn.discrepancy.verify import compared, free_run
 
 WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}
 
@@ -93,21 +93,14 @@ def _candidate(dx):
 
 
 def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
-    simulators = {
-        "nominal": dx._diagnosis.problem.simulator,
-        "refitted": dx.refitted_simulator_,
-        "augmented": dx.simulator_,
-    }
     found = []
-    for piece in finite_slices(session_slices(sessions, len(u)), finite_rows(u)):
-        n = piece.stop - piece.start
-        rows = slice(piece.stop - round(dx.test_fraction * n), piece.stop)
+    for rows in dx._split(u, sessions)[1]:
         n_init = min(dx._n_init, (rows.stop - rows.start) // 2)
         if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
             continue
         runs = {
             name: free_run(simulator, u[rows], y[rows], n_init, dx._guess).y
-            for name, simulator in simulators.items()
+            for name, simulator in compared(dx).items()
         }
         found.append(HeldOut(rows, n_init, runs))
     return tuple(found)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.concealed.baselines.answer import Answer
-from benchmarks.concealed.baselines.library import evaluate, features
+from benchmarks.concealed.baselines.candidate_terms import evaluate, features
 from benchmarks.concealed.structural import remainder
 
 __all__ = ["run"]

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from benchmarks.concealed.baselines.answer import Answer, corrected_runs
-from benchmarks.concealed.baselines.library import evaluate, features
+from benchmarks.concealed.baselines.candidate_terms import evaluate, features
 
 __all__ = ["run_ssr", "run_stlsq"]
 

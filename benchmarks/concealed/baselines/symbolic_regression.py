@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.concealed.baselines.answer import Answer, corrected_runs
-from benchmarks.concealed.baselines.library import name_of
+from benchmarks.concealed.baselines.candidate_terms import name_of
 
 __all__ = ["run"]
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 PORTS = ("input", "state", "output")
-ARGUMENTS = ("none", "own", "position", "any", "input")
+ARGUMENTS = ("none", "own", "position", "any")
 SECONDS = (None, "input", "channel")
 MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
 MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
@@ -72,9 +72,9 @@ class Effect:
     transform : callable, optional
         For an input or output port: ``transform(signal, second, dt, theta, first) -> ndarray``, the whole
         signal at once; ``first`` holds the indices where it begins anew.
-    argument : {"none", "own", "position", "any", "input"}
+    argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
-        it (its integral where the equations have one, else the state itself); any state; an input.
+        it (its integral where the equations have one, else the state itself); any state.
     second : {None, "input", "channel"}
         Second argument: every input, or every measured channel that the simulator does not use.
     amplitude : int or None

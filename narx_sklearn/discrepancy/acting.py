@@ -1,0 +1,87 @@
+"""What effects add along a run: their forces and corrections, sample by sample."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
+from narx_sklearn.discrepancy.linearise import evaluate
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+
+
+def state_forces(
+    simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, rows: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return (argument, force) of each effect at a state equation, by its index, at some samples of a run.
+
+    Evaluated as the simulators' kernel does: in order, each on top of those before it.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        With the effects and parameters of the run.
+    rows : ndarray of shape (n_points,)
+        Samples inside the windows, where the run is finite.
+    """
+    acting = [(i, e) for i, e in enumerate(simulator.effects) if e.port.kind == "state"]
+    functions = [compiled_force(placed.effect.force) for _, placed in acting]
+    thetas = np.zeros((len(acting), MAX_THETA))
+    for theta, (_, placed) in zip(thetas, acting, strict=True):
+        n = len(placed.effect.parameters)
+        theta[:n] = placed.theta[:n]
+    step = 1.0 if simulator.discrete else simulator.dt / simulator.substeps
+    session = windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
+    arguments, values = np.zeros((2, len(acting), rows.size))
+    for at, (k, began) in enumerate(zip(rows, session, strict=True)):
+        x, now = run.x[k], u[k]
+        slope = evaluate(simulator, x, now)[0]
+        change = (slope - x) / simulator.dt if simulator.discrete else slope.copy()
+        for e, (_, placed) in enumerate(acting):
+            weights, port = np.array(placed.weights), placed.port.index
+            arguments[e, at] = weights @ x
+            values[e, at] = functions[e](
+                arguments[e, at],
+                weights @ change,
+                slope[port] - (x[port] if simulator.discrete else 0.0),
+                now[placed.second] if placed.second >= 0 else 0.0,
+                (k - began) * simulator.dt,
+                step,
+                run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
+                thetas[e],
+                np.zeros(MAX_MEMORY),
+            )
+            slope[port] += values[e, at]
+            if placed.onward >= 0:
+                slope[placed.onward] -= placed.theta[-1] * values[e, at]
+    return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def signal_change(
+    placed: PlacedEffect, signals: np.ndarray, u: np.ndarray, windows: Windows, rows: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the signal at an input or output port and what the effect adds to it."""
+    signal = signals[rows, placed.port.index]
+    second = u[rows, placed.second] if placed.second >= 0 else None
+    begin = np.searchsorted(rows, windows.first[windows.fresh])
+    return signal, placed.effect.transform(signal, second, dt, np.array(placed.theta), begin) - signal
+
+
+def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
+    """Return the unit of what an effect adds: a state's rate (the state, in a map), an input, an output."""
+    unit = _signals(placed, simulator)[placed.port.index].unit
+    if placed.port.kind != "state" or simulator.discrete:
+        return unit
+    return f"{unit}/s" if unit else "1/s"
+
+
+def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
+    """Return what an effect adds to what, without the unit."""
+    rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""
+    return f"added to {rate}{_signals(placed, simulator)[placed.port.index].name}"
+
+
+def _signals(placed: PlacedEffect, simulator: Simulator) -> Sequence:
+    return {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[
+        placed.port.kind
+    ]
