@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 from scipy.signal import lsim
 
 from narx_sklearn.discrepancy import ODESimulator
@@ -293,12 +294,18 @@ class TestForces:
             ("root_outflow", [2.0, 0.5, 0.0], {"argument": 9.0}, -6.0),
             ("root_outflow", [2.0, 0.5, 7.0], {"argument": 9.0}, -8.0),
             ("root_outflow", [2.0, 0.5, 0.0], {"argument": -1.0}, 0.0),
-            ("bilinear_input", [0.5], {"argument": 4.0, "second": 3.0}, 6.0),
-            ("coupling", [0.5], {"argument": 4.0, "second": 3.0}, 1.5),
-            ("gain_drift", [0.1], {"argument": 4.0, "time": 3.0}, 1.2),
-            ("temperature_gain", [0.1], {"argument": 4.0, "second": 3.0}, 1.2),
-            ("additive_drift", [2.0, 3.0], {"time": 3.0}, 2 * (1 - np.exp(-1))),
-            ("additive_drift", [2.0, 0.0], {"time": 3.0}, 2.0),
+            ("bilinear_input", [0.5, 0.0], {"argument": 4.0, "second": 3.0}, 6.0),
+            ("bilinear_input", [0.5, 5.0], {"argument": 4.0, "second": 3.0}, -1.5),
+            ("coupling", [0.5, 0.0], {"argument": 4.0, "second": 3.0}, 1.5),
+            ("coupling", [0.5, 2.0], {"argument": 4.0, "second": 3.0}, 0.5),
+            ("gain_drift", [0.1, 3.0, 0.0], {"argument": 4.0, "time": 3.0}, 0.4 * (1 - np.exp(-1))),
+            ("gain_drift", [0.1, 3.0, 5.0], {"argument": 4.0, "time": 3.0}, -0.1 * (1 - np.exp(-1))),
+            ("gain_drift", [0.1e9, 1e9, 0.0], {"argument": 4.0, "time": 3.0}, 1.2 * (1 - 1.5e-9)),  # a line
+            ("temperature_gain", [0.1, 0.0, 0.0], {"argument": 4.0, "second": 3.0}, 1.2),
+            ("temperature_gain", [0.1, 2.0, 1.0], {"argument": 4.0, "second": 3.0}, 0.3),
+            ("additive_drift", [2.0, 3.0, 0.0, 0.0], {"time": 3.0}, 2 * (1 - np.exp(-1))),
+            ("additive_drift", [2.0, 0.0, 0.0, 0.0], {"time": 3.0}, 2.0),
+            ("additive_drift", [2.0, 1.0, -1.0, 4.0], {"time": np.log(2.0)}, 1.5),  # 2 (1/2 - 1/4 + 4/8)
             ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
             ("backlash", [4.0, 0.1], {"argument": 1.0, "z": [0.5, 1.0]}, 4 * (0.9 - 1.0)),
             ("backlash", [4.0, 0.1], {"argument": 1.0}, 0.0),  # begins centred
@@ -537,12 +544,15 @@ class TestTransforms:
         ("code", "theta"),
         [
             ("backlash", [1.0, 0.0]),
-            ("dead_zone", [0.0]),
+            ("dead_zone", [0.0, 0.0, 0.0]),
+            ("dead_zone", [0.0, 0.5, 0.2]),
             ("valve_stiction", [0.0, 0.5]),
-            ("input_saturation", [-1e9, 1e9]),
+            ("input_saturation", [-1e9, 1e9, 0.0]),
+            ("input_saturation", [-1e9, 1e9, 3.0]),
             ("sensor_clip", [-1e9, 1e9]),
             ("rate_limit", [1e9]),
-            ("input_polynomial", [0.0, 0.0]),
+            ("input_polynomial", [0.0, 0.0, 0.3]),
+            ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 0.75, 1.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0]),
             ("creep", [1.0, 0.0]),
@@ -554,13 +564,14 @@ class TestTransforms:
             ("stuck_sensor", [1.0, 0.0]),
             ("sensor_bias", [0.0]),
             ("periodic_disturbance", [0.0, 3.0, 0.0]),
-            ("additive_drift", [0.0, 3.0]),
-            ("gain_drift", [0.0]),
+            ("additive_drift", [0.0, 3.0, 1.0, 1.0]),
+            ("gain_drift", [0.0, 3.0, 0.3]),
         ],
     )
     def test_a_transform_of_no_size_changes_nothing(self, code, theta):
         signal = wideband()
-        np.testing.assert_allclose(transformed(code, signal, theta), signal, atol=1e-8)
+        out = transformed(code, signal, theta, second=wideband(seed=2))
+        np.testing.assert_allclose(out, signal, atol=1e-8)
 
     @pytest.mark.parametrize(
         ("code", "theta"),
@@ -582,19 +593,73 @@ class TestTransforms:
 
     def test_saturation_dead_zone_and_steps_worked_by_hand(self):
         signal = [-2.0, -0.5, 0.5, 2.0]
-        assert transformed("input_saturation", signal, [-1.0, 1.5]).tolist() == [-1.0, -0.5, 0.5, 1.5]
-        assert transformed("dead_zone", signal, [0.75]).tolist() == [-1.25, 0.0, 0.0, 1.25]
+        assert transformed("input_saturation", signal, [-1.0, 1.5, 0.0]).tolist() == [-1.0, -0.5, 0.5, 1.5]
+        assert transformed("dead_zone", signal, [0.75, 0.0, 0.0]).tolist() == [-1.25, 0.0, 0.0, 1.25]
+        assert transformed("dead_zone", [3.0, 4.5, 7.0], [1.0, 5.0, 0.0]).tolist() == [4.0, 5.0, 6.0]
         assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
-        assert transformed("input_polynomial", [2.0], [0.5, 0.25]).tolist() == [6.0]
+        assert transformed("input_polynomial", [2.0], [0.5, 0.25, 0.0]).tolist() == [6.0]
+        assert transformed("input_polynomial", [3.0], [0.5, 0.25, 1.0]).tolist() == [7.0]
         assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4], dt=1.0).tolist() == pytest.approx(
             [0.0, 0.2, 0.6, 0.6]  # means of ramps from 0 to 0.4, 0.4 to 0.8, 0.8 to 0.4
         )
-        assert transformed("gain_drift", [1.0, 1.0, 1.0], [0.5], dt=1.0, first=[0, 2]).tolist() == [
-            1.0,
-            1.5,
-            1.0,
+        halved = [0.5, 1 / np.log(2.0), 3.0]  # half way after a second
+        drifted = transformed("gain_drift", [1.0, 1.0, 1.0], halved, dt=1.0, first=[0, 2])
+        np.testing.assert_allclose(drifted, [1.0, 0.5, 1.0], rtol=1e-15)
+        assert transformed("temperature_gain", [2.0], [0.5, 0.0, 0.0], second=np.array([3.0])).tolist() == [
+            5.0
         ]
-        assert transformed("temperature_gain", [2.0], [0.5], second=np.array([3.0])).tolist() == [5.0]
+        assert transformed("temperature_gain", [2.0], [0.5, 1.0, 3.0], second=np.array([3.0])).tolist() == [
+            1.0
+        ]
+
+    def test_a_rounded_corner_worked_by_hand(self):
+        """At a lonely corner w log 2 is missing, one width before it w log(1 + 1/e)."""
+        levels = transformed("input_saturation", [2.0, 1.5, 50.0], [-100.0, 2.0, 0.5])
+        expected = [2.0 - 0.5 * np.log(2.0), 1.5 - 0.5 * np.log1p(np.exp(-1)), 2.0]
+        np.testing.assert_allclose(levels, expected, rtol=1e-14)
+
+    @given(low=st.floats(-3, -0.1), high=st.floats(0.1, 3), w=st.floats(1e-3, 5.0), s=st.floats(-20, 20))
+    def test_a_rounded_saturation_is_its_quotient_of_exponentials(self, low, high, w, s):
+        middle = 0.5 * (low + high)
+        out, before, after = transformed(
+            "input_saturation", [s, middle - 1e-6, middle + 1e-6], [low, high, w]
+        )
+        soft = low + w * (np.logaddexp(0.0, (s - low) / w) - np.logaddexp(0.0, (s - high) / w))
+        slope = np.tanh((high - low) / (4 * w))
+        np.testing.assert_allclose(out, middle + (soft - middle) / slope, atol=1e-11)
+        np.testing.assert_allclose((after - before) / 2e-6, 1.0, rtol=1e-6)  # small signals pass as they are
+
+    def test_a_saturation_that_is_all_knee_is_a_hyperbolic_tangent(self):
+        signal = wideband()
+        out = transformed("input_saturation", signal, [0.5, 0.5, 0.8])
+        np.testing.assert_allclose(out, 0.5 + 1.6 * np.tanh((signal - 0.5) / 1.6), atol=1e-8)
+
+    @given(w=st.sampled_from([0.0, 5e-324, 1e-300, 1e-12]), s=st.floats(-1e300, 1e300))
+    @example(w=5e-324, s=-1.0)
+    def test_a_saturation_without_width_is_the_sharp_clip(self, w, s):
+        np.testing.assert_allclose(
+            transformed("input_saturation", [s], [-1.0, 1.5, w]), np.clip([s], -1.0, 1.5), rtol=0, atol=1e-12
+        )
+
+    @given(c=st.floats(-50, 50), w=st.floats(0, 2))
+    def test_a_dead_zone_moves_with_its_centre(self, c, w):
+        signal = wideband(100)
+        here, there = (transformed("dead_zone", signal + at, [0.6, at, w]) - at for at in (0.0, c))
+        np.testing.assert_allclose(there, here, atol=1e-12)
+
+    @pytest.mark.parametrize("reference", [-20.0, 0.0, 4.0])
+    def test_a_reference_moves_what_a_gain_acts_on(self, reference):
+        """About a level the change is that of the signal counted from it."""
+        signal, second = wideband(200), 300.0 + wideband(200, seed=2)
+        for code, theta in (
+            ("gain_drift", [0.4, 1.5]),
+            ("temperature_gain", [0.4, 300.0]),
+            ("input_polynomial", [0.3, -0.02]),
+        ):
+            about = transformed(code, signal + reference, [*theta, reference], second=second) - reference
+            np.testing.assert_allclose(
+                about, transformed(code, signal, [*theta, 0.0], second=second), atol=1e-9
+            )
 
     def test_a_sticking_valve_holds_then_jumps(self):
         """S = 1, J = 0.4: the stem leaves at 0.7 from relaxed, then trails by 0.3; a reversal takes S."""
@@ -763,9 +828,68 @@ class TestStarts:
 
     def test_thresholds_lie_within_the_signal(self, ordinary):
         low, high = ordinary.argument.min(), ordinary.argument.max()
-        assert np.all(CATALOGUE["dead_zone"].starts(ordinary) < max(-low, high))
+        widths = CATALOGUE["dead_zone"].starts(ordinary)[:, 0]
+        assert np.all((widths > 0) & (widths < max(-low, high)))
         levels = CATALOGUE["overflow"].starts(ordinary)
         assert np.all((levels > low) & (levels < high))
+
+    @pytest.mark.parametrize(
+        ("code", "column"),
+        [("dead_zone", 1), ("input_polynomial", 2), ("gain_drift", 2), ("bilinear_input", 1)],
+    )
+    def test_a_signal_that_works_elsewhere_gives_two_levels_to_begin_with(self, code, column):
+        signal, own, u = wideband(), wideband(seed=1), wideband(seed=2)
+        size = np.std(signal)
+        about_zero = CATALOGUE[code].starts(setting_of(signal - signal.mean(), own=own, second=u))[:, column]
+        np.testing.assert_allclose(about_zero, 0.01 * size)
+        moved = signal - signal.mean() + 2 * size
+        at_input = {"own": moved if CATALOGUE[code].input_port and code != "bilinear_input" else own}
+        levels = np.unique(CATALOGUE[code].starts(setting_of(moved, second=u, **at_input))[:, column])
+        np.testing.assert_allclose(levels, [0.01 * size, 2 * size])
+
+    def test_the_reference_of_another_signal_starts_at_its_mean(self, ordinary):
+        for code in ("coupling", "temperature_gain"):
+            starts = CATALOGUE[code].starts(ordinary)
+            np.testing.assert_allclose(starts[:, 1], np.mean(ordinary.second))
+
+    def test_a_dead_zone_starts_about_zero_only_where_zero_is_near(self):
+        signal = wideband()
+        far = CATALOGUE["dead_zone"].starts(setting_of(500.0 + signal))
+        np.testing.assert_allclose(far[:, 1], np.mean(500.0 + signal))
+        valve = signal - signal.min()  # a command that is never negative
+        near = CATALOGUE["dead_zone"].starts(setting_of(valve))
+        np.testing.assert_allclose(np.unique(near[:, 1]), [0.01 * np.std(valve), np.mean(valve)])
+
+    @pytest.mark.parametrize(
+        "shape",
+        [
+            lambda t: 1 - np.exp(-t / 0.05),
+            lambda t: 1 - np.exp(-t / 0.3),
+            lambda t: t,
+            lambda t: np.sqrt(t),
+            lambda t: np.sin(np.pi * t),
+            lambda t: 1 - np.cos(np.pi * t),
+            lambda t: t**3,
+        ],
+        ids=["early", "warm-up", "ramp", "root", "half sine", "half cosine", "cube"],
+    )
+    @pytest.mark.parametrize("length", [0.5, 300.0])
+    def test_an_additive_drift_follows_any_slow_shape(self, shape, length):
+        n = 400
+        t = np.linspace(0, 1, n)
+        wanted = shape(t)
+        setting = setting_of(np.cos(20 * t), dt=length / n)
+        drift = CATALOGUE["additive_drift"]
+
+        def left(theta):
+            return drift.transform(np.zeros(n), None, setting.dt, theta, setting.first) - wanted
+
+        bounds = [[p.lower for p in drift.parameters], [p.upper for p in drift.parameters]]
+        best = min(
+            least_squares(left, start, bounds=bounds, x_scale="jac", max_nfev=25).cost
+            for start in drift.starts(setting)
+        )
+        assert np.sqrt(2 * best) < 0.035 * np.linalg.norm(wanted)
 
     @pytest.mark.parametrize("effect", [e for e in TRANSFORMS if e.code != "stuck_sensor"], ids=by_code)
     def test_a_transform_starts_with_a_change_of_ordinary_size(self, effect):

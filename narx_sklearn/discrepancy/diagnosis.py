@@ -34,6 +34,10 @@ from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
 UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
 UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+LONG = (
+    4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
+)
+FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -106,6 +110,8 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     settings.tell("fit of the simulator's own parameters")
     nominal = fit_initial_states(problem, guess_states(simulator, u, y, windows, structure, x))
     refitted = fit(problem, nominal.model)
+    if settings.window is None and not pace.forgets:
+        problem, refitted = _lengthened(problem, refitted, cut(pieces, n_samples // LONG, shortest))
     problem = problem.with_noise(Noise.white(_left_over(problem, refitted.residual)))
     refitted = fit(problem, refitted.model, iterations=2)
     settings.tell("colour of the noise")
@@ -132,7 +138,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         steps = _searched(problem, refitted, structure, settings, True)
     p_missing = steps[0].detection.p_value
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
-    nominal = fit_initial_states(problem, nominal.model.x0)
+    nominal = fit_initial_states(problem, refitted.model.x0)
     p_moved = parameters_moved(problem, nominal, settings.random_state)
     verdict = "refit" if p_moved <= settings.alpha else "consistent"
     best = Candidate(refitted, problem.n_seen)
@@ -141,7 +147,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
         best = _converged(problem, likeliest(pool))
-        alternatives = _alternatives(problem, best, pool)
+        alternatives = _alternatives(problem, refitted, best, pool)
         unnamed = _unnamed(problem, refitted, structure, settings)
         leftover = _leftover(problem, best, structure, settings)
         verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
@@ -185,6 +191,21 @@ def _searched(
     )
 
 
+def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem, Fit]:
+    """Return the problem over longer windows and its fit, where the run still follows the recording there.
+
+    What an integrator adds up over a long window tells far more than the same samples cut into many short
+    ones, each with initial states of its own; but far from the right parameters a long run is lost.
+    """
+    longer = Problem(problem.simulator, problem.u, problem.y, windows, problem.noise)
+    if not windows.count or windows.count >= problem.windows.count:
+        return problem, found
+    x = problem.run(found.model).x[windows.first]
+    refitted = fit(longer, found.model._replace(x0=np.where(np.isfinite(x), x, 0.0)))
+    share = _left_over(longer, refitted.residual) / np.nanstd(problem.y, axis=0)
+    return (longer, refitted) if np.all(share < FOLLOWS) else (problem, found)
+
+
 def _left_over(problem: Problem, residual: np.ndarray) -> np.ndarray:
     """Return the standard deviation of the residual of each output."""
     r = residual.reshape(problem.seen.shape) * problem.noise.sigma
@@ -209,7 +230,7 @@ def _converged(problem: Problem, candidate: Candidate) -> Candidate:
 
 
 def _alternatives(
-    problem: Problem, best: Candidate, pool: list[Candidate]
+    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate]
 ) -> tuple[tuple[Candidate, ...], ...]:
     """Return, for each effect of the set, what could stand in its place without being clearly worse."""
     singles = [c.effects[0] for c in pool if len(c.effects) == 1]
@@ -232,7 +253,11 @@ def _alternatives(
         # the same effect at another place is a question of where, not of what
         rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
         found.append(
-            tuple(look_alikes(best, sorted(rivals, key=lambda c: c.criterion), problem.y.shape[1])[1:])
+            tuple(
+                look_alikes(
+                    best, sorted(rivals, key=lambda c: c.criterion), refitted.cost, problem.y.shape[1]
+                )[1:]
+            )
         )
     return tuple(found)
 

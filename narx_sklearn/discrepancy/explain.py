@@ -1,28 +1,31 @@
 """Which physics is missing: order the bank, refit the leaders, add one effect after another."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
+from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import Detection, block_length, blocks_of, detect
-from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 
 ROUGH = 5  # iterations of a leader's first refit
 FINE = 20  # iterations that bring a leader to convergence
+STARTS = 2  # of one leader that are tried
+NEARLY = 0.3  # share of the gain of its best start that another one must have
 FINALISTS = 6  # leaders taken to convergence
 BEAM = 2  # sets of effects carried to the next depth
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
-PLAIN = 0.5  # share of the residual that one effect explains, from which it is no drift of the noise
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
+ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
+FORM = 0.05  # share of what an effect explains that its idealised form may leave
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 
 
@@ -45,37 +48,35 @@ class Candidate:
         """The effects, with their fitted parameters."""
         return self.fit.model.effects
 
-    @property
+    @cached_property
     def n_parameters(self) -> int:
         """Number of global parameters that the data can feel.
 
-        One that changes nothing, or lies at its bound, was not fitted and has no price.
+        A direction in which the effects change nothing that the simulator's own parameters and the other
+        directions do not, or a parameter at its bound, was not fitted and has no price.
         """
         model, J = self.fit.model, self.fit.jacobian
-        q = model.q
-        size = np.sqrt(np.einsum("wtk,wtk->k", J, J)) * np.abs(q)
-        felt = size > 1.0
-        felt[: model.p.size] = True
-        for place, bounds in zip(_places(model), [e.bounds for e in model.effects], strict=True):
-            felt[place] &= (q[place] > bounds[:, 0]) & (q[place] < bounds[:, 1])
-        return int(felt.sum())
+        own, q = model.p.size, model.q
+        bounds = np.concatenate([np.empty((0, 2)), *(e.bounds for e in model.effects)])
+        free = own + np.flatnonzero((q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1]))
+        if not free.size:
+            return own
+        columns = out_of(J[:, :, :own], J[:, :, free] * np.abs(q[free])).reshape(-1, free.size)
+        felt = np.linalg.eigvalsh(columns.T @ columns)
+        return own + int(np.sum(felt > 1.0))
 
-    @property
+    @cached_property
     def criterion(self) -> float:
         """Criterion of Hannan and Quinn (1979) of the whitened residual, and the price of BIC once an effect.
 
         Whether an effect is there was tested; among effects with different numbers of parameters the milder
-        price of the former decides, since their shapes are fitted within narrow physical ranges.
+        price of the former decides, since their shapes are fitted within narrow physical ranges. An effect
+        that one meets elsewhere pays for its odd place.
         """
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
+        price += ODD * sum(effect.odd for effect in self.effects)
         return n * np.log(max(self.fit.cost, 1e-300) / n) + price
-
-
-def _places(model) -> list[slice]:
-    """Return where the parameters of each effect stand among the global ones."""
-    edges = np.cumsum([model.p.size, *(e.n_theta for e in model.effects)])
-    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 class Step(NamedTuple):
@@ -109,29 +110,30 @@ def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
 
 
 def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
-    """Return the hypotheses with the largest gains, one start each, scaled to their best strength."""
+    """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength."""
     gain, strength = gains(bank)
-    best: dict[int, int] = {}
+    best: dict[int, list[int]] = {}
     for j in np.argsort(-gain, kind="stable"):
         if gain[j] <= 0:
             break
         of_a_line = bank.placed(j).effect.code in LINES
         if (detection.p_line if of_a_line else detection.p_bank) > alpha:
             continue  # the test that speaks for this kind of effect was silent
-        best.setdefault(int(bank.owner[j]), int(j))
+        best.setdefault(int(bank.owner[j]), []).append(int(j))
     found = []
-    for h, j in list(best.items())[:n]:
+    for h, columns in list(best.items())[:n]:
         hypothesis = bank.hypotheses[h]
-        theta = hypothesis.starts[bank.start[j]].copy()
-        if hypothesis.placed.effect.amplitude is not None:
-            theta[hypothesis.placed.effect.amplitude] *= strength[j]
-        bounds = hypothesis.placed.bounds
-        found.append(hypothesis.placed.at(np.clip(theta, bounds[:, 0], bounds[:, 1])))
+        for j in [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:STARTS]:
+            theta = hypothesis.starts[bank.start[j]].copy()
+            if hypothesis.placed.effect.amplitude is not None:
+                theta[hypothesis.placed.effect.amplitude] *= strength[j]
+            bounds = hypothesis.placed.bounds
+            found.append(hypothesis.placed.at(np.clip(theta, bounds[:, 0], bounds[:, 1])))
     return found
 
 
 def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None) -> list[Candidate]:
-    """Fit each leader together with everything that is in the model already; best first.
+    """Fit each leader together with everything that is in the model already; best first, each place once.
 
     All get a few iterations, the better ones are then taken to convergence.
     """
@@ -144,11 +146,19 @@ def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_job
         return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
 
     starts = [base.model._replace(effects=(*base.model.effects, effect)) for effect in placed]
-    rough = round_of(starts, ROUGH)
+    rough = _once_each(round_of(starts, ROUGH))
     return sorted(
         round_of([c.fit.model for c in rough[:FINALISTS]], FINE) + rough[FINALISTS:],
         key=lambda c: c.criterion,
     )
+
+
+def _once_each(candidates: list[Candidate]) -> list[Candidate]:
+    """Return the first candidate with each last effect."""
+    first: dict[tuple, Candidate] = {}
+    for candidate in candidates:
+        first.setdefault(candidate.effects[-1].place, candidate)
+    return list(first.values())
 
 
 def search(
@@ -177,17 +187,23 @@ def search(
             hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
-            doubtful = not (dominated and not candidate.effects) and _best_share(bank) < PLAIN
-            if rank == 0 and detection.p_value <= alpha and doubtful:
-                detection = cautious(problem, candidate.fit, hypotheses, detection, random_state, n_jobs)
-            if rank == 0:
-                steps.append(Step(detection, bank, pool))
-                if detection.p_value > alpha or len(candidate.effects) >= max_effects:
-                    return steps
-            found = refit_leaders(
-                problem, candidate.fit, leaders(bank, n_leaders, detection, alpha), n_jobs=n_jobs
+            if dominated and not candidate.effects:
+                detection = _left_to_the_fits(detection)
+            allowed = rank or (detection.p_value <= alpha and len(candidate.effects) < max_effects)
+            found = (
+                refit_leaders(
+                    problem, candidate.fit, leaders(bank, n_leaders, detection, alpha), n_jobs=n_jobs
+                )
+                if allowed
+                else []
             )
-            pool += [c for c in found if c.criterion < candidate.criterion]
+            found = [c for c in found if c.criterion < candidate.criterion]
+            if rank == 0:
+                detection = _confirmed(problem, candidate, found, detection, bank)
+                steps.append(Step(detection, bank, pool))
+                if detection.p_value > alpha or not found:
+                    return steps
+            pool += found
         pool.sort(key=lambda c: c.criterion)
         if pool and pool[0].effects[:-1]:
             pool += without_each(problem, pool[0])
@@ -198,25 +214,19 @@ def search(
     return steps
 
 
-def _best_share(bank: Bank) -> float:
-    """Return the largest share of the residual's energy that one column takes off."""
-    energy = float(np.einsum("wt,wt->", bank.residual, bank.residual))
-    return float(gains(bank).gain.max(initial=0.0)) / max(energy, 1e-300)
+def _left_to_the_fits(detection: Detection) -> Detection:
+    """Return a detection that leaves the decision to the fits: tangents tell little of what dominates."""
+    return detection._replace(p_value=0.0, p_bank=0.0, p_line=0.0)
 
 
-def cautious(
-    problem: Problem, base: Fit, hypotheses, detection: Detection, random_state=None, n_jobs=None
+def _confirmed(
+    problem: Problem, base: Candidate, found: list[Candidate], detection: Detection, bank: Bank
 ) -> Detection:
-    """Test again with all that is left taken for noise of its own colour.
-
-    The noise was estimated after the bank's best columns were taken out, which is right for ordering and
-    weighing effects. But slow noise (a drift) looks like slow effects, and they took it out with them. What
-    is real still stands out when its own trace counts as noise.
-    """
-    own = problem.with_noise(estimate_noise(problem.left_over(base.model), problem.seen))
-    refitted = fit(own, base.model, iterations=4)
-    found = probe(own, refitted, make_bank(own, refitted, hypotheses, n_jobs), random_state)
-    return found if found.p_value > detection.p_value else detection
+    """Return the detection with the chance that what was found is noise of some colour."""
+    if not found:
+        return detection
+    chance = chance_of_noise(problem, base.fit.model, found[0].fit.model, len(bank.hypotheses))
+    return detection._replace(p_value=max(detection.p_value, chance))
 
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
@@ -267,21 +277,40 @@ def likeliest(candidates: list[Candidate]) -> Candidate:
     alike = [
         c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
     ]
-    return min(alike, key=lambda c: (_strangeness(c), c.fit.model.q.size, c.criterion))
+    return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
 
 
-def _strangeness(candidate: Candidate) -> int:
+def _at_home(candidate: Candidate) -> bool:
     last = candidate.effects[-1]
-    at_home = bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
-    # lost motion is met at inputs, drift at sensors
-    odd = last.effect.code in ("backlash", "additive_drift") and last.port.kind == "state"
-    return odd - at_home
+    return bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
+
+
+def _declared(best: Candidate, other: Candidate) -> bool:
+    """Tell whether the catalogue calls what stands in another's place a look-alike of what stood there."""
+    places = {e.place for e in best.effects} & {e.place for e in other.effects}
+    mine = [e.effect for e in best.effects if e.place not in places]
+    theirs = [e.effect for e in other.effects if e.place not in places]
+    return len(mine) == len(theirs) == 1 and theirs[0].code in mine[0].lookalikes
+
+
+def _alike_in_form(extra: int, saved: float, tolerated: float) -> bool:
+    """Tell whether a declared look-alike of ``extra`` parameters differs no more than forms may be wrong by.
+
+    ``saved`` is what it takes off the best's cost, ``tolerated`` what a form may leave, in noise variances.
+    """
+    if extra > 0 and abs(saved) < DEARER * extra:  # it holds the best as a special case
+        return tolerated < DEARER * extra
+    return -saved <= tolerated
 
 
 def look_alikes(
-    best: Candidate, others: list[Candidate], n_outputs: int, level: float = CLEARLY
+    best: Candidate, others: list[Candidate], base_cost: float, n_outputs: int, level: float = CLEARLY
 ) -> list[Candidate]:
     """Return the candidates that are not clearly worse than the best, the best first.
+
+    The catalogue's forms are idealised. So what it declares a look-alike stays unless it leaves more of what
+    the best explains (of ``base_cost``) than a form may be wrong by; one with further parameters stays
+    also where such a share would not show.
 
     A rival is clearly worse when its residual goes along with what the best would change in it: the score
     of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
@@ -290,16 +319,22 @@ def look_alikes(
     kept = [best]
     noise = best.fit.residual
     length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
+    tolerated = FORM * (base_cost - best.fit.cost)
+    unit = best.fit.cost / best.n_samples
     for other in others:
+        declared = _declared(best, other)
         behind = other.criterion - best.criterion
         extra = other.fit.model.q.size - best.fit.model.q.size
-        saved = (best.fit.cost - other.fit.cost) * best.n_samples / best.fit.cost
+        saved = (best.fit.cost - other.fit.cost) / unit
+        if declared and _alike_in_form(extra, saved, tolerated / unit):
+            kept.append(other)
+            continue
         if behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
             continue  # one that holds the best as a special case must earn its further parameters
         change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
         products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
         score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
-        size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * best.fit.cost / best.n_samples
+        size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
         spread = np.sqrt(max(np.sum(products**2), size))
         if other.criterion <= best.criterion + ALIKE or score < level * spread:
             kept.append(other)

@@ -13,6 +13,22 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
 
 READ_OFF = {"quantisation", "stuck_sensor", "sensor_clip"}
+OF_MOTION = {  # effects of things that move, which a level or a temperature does not
+    "viscous_damping",
+    "coulomb_friction",
+    "asymmetric_friction",
+    "stribeck_friction",
+    "presliding_friction",
+    "load_friction",
+    "quadratic_drag",
+    "backlash",
+    "clearance",
+    "cubic_stiffness",
+    "quadratic_stiffness",
+    "bilinear_stiffness",
+    "bouc_wen_hysteresis",
+    "prandtl_ishlinskii",
+}
 LEVELS_ONLY = {"overflow", "root_outflow"}  # effects of levels: no velocity overflows
 
 
@@ -112,9 +128,21 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                                 onward,
                                 argument_name=name,
                                 argument_unit=unit,
+                                odd=_is_odd(effect, int(i), simulator, structure),
                             )
                         )
     return found
+
+
+def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
+    """Tell whether an effect is of another kind of machine than a state equation.
+
+    Motion is a state that another one integrates, or one counted per second; without units all is possible.
+    """
+    unit = simulator.states[i].unit
+    moves = structure.partner[i] >= 0 or unit.endswith("/s") or not unit
+    # lost motion is met at inputs, drift at sensors
+    return effect.code in ("backlash", "additive_drift") or (effect.code in OF_MOTION and not moves)
 
 
 def _seconds(effect: Effect, simulator: Simulator, structure: Structure) -> list[int]:

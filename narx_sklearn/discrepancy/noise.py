@@ -34,8 +34,20 @@ class Noise(NamedTuple):
         """Longest memory of the autoregression, samples."""
         return max(a.size for a in self.coefficients)
 
-    def innovations(self, windowed: np.ndarray) -> np.ndarray:
-        """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown."""
+    @property
+    def n_parameters(self) -> int:
+        """Number of coefficients, the variances not counted."""
+        return sum(a.size for a in self.coefficients) + sum(b != 0 for b in self.average)
+
+    def innovations(self, windowed: np.ndarray, counts: np.ndarray | None = None) -> np.ndarray:
+        """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown.
+
+        Parameters
+        ----------
+        windowed : ndarray of shape (n_windows, n_samples, n_outputs)
+        counts : ndarray of bool, same shape, optional
+            Where an innovation counts; all by default.
+        """
         out = windowed / self.sigma
         for output, a in enumerate(self.coefficients):
             scaled = windowed[:, :, output] / self.sigma[output]
@@ -43,8 +55,24 @@ class Noise(NamedTuple):
                 out[:, lag:, output] -= coefficient * scaled[:, :-lag]
             out[:, : a.size, output] = 0.0
             if self.average and self.average[output]:
-                out[:, :, output] = lfilter([1.0], [1.0, -self.average[output]], out[:, :, output], axis=1)
+                b = self.average[output]
+                filtered = lfilter([1.0], [1.0, -b], out[:, :, output], axis=1)
+                inside = np.ones_like(filtered, dtype=bool) if counts is None else counts[:, :, output].copy()
+                inside[:, : a.size] = False
+                out[:, :, output] = _whatever_the_start(filtered, b, inside)
         return out
+
+
+def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarray:
+    """Project out what the unknown innovation before each window leaves behind, b to the power of k.
+
+    Taken for zero it would count the first sample of a window for the level itself.
+    """
+    trace = np.where(counts, b ** np.arange(1, e.shape[1] + 1), 0.0)
+    length = np.einsum("wt,wt->w", trace, trace)
+    e = np.where(counts, e, 0.0)
+    share = np.einsum("wt,wt->w", trace, e) / np.where(length > 0, length, 1.0)
+    return e - share[:, None] * trace
 
 
 def estimate_noise(residual: np.ndarray, seen: np.ndarray, longest: int = LONGEST) -> Noise:
@@ -100,10 +128,10 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray):
     def cost(values) -> float:
         a, b = values
         moved = r[:, 1:] - a * r[:, :-1]
-        e = lfilter([1.0], [1.0, -b], moved, axis=1)
-        return float(np.sum(e[known[:, 1:]] ** 2))
+        e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, known[:, 1:])
+        return float(np.sum(e**2))
 
-    starts = [(1.0, 0.5), (1.0, 0.9), (0.98, 0.7)]
+    starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]
     found = min(
         (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, SLOWEST)]) for start in starts),
         key=lambda result: result.fun,

@@ -39,6 +39,8 @@ class PlacedEffect:
         Parameters of the effect, and last the share that goes on where ``onward`` names an equation.
     argument_name, argument_unit : str
         How the argument is called and its unit.
+    odd : bool
+        Whether one meets the effect elsewhere, not at such a place.
     """
 
     effect: Effect
@@ -49,6 +51,7 @@ class PlacedEffect:
     theta: tuple[float, ...] = ()
     argument_name: str = ""
     argument_unit: str = ""
+    odd: bool = False
 
     def at(self, theta) -> "PlacedEffect":
         """Return it with other parameter values."""

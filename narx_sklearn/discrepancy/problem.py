@@ -83,9 +83,11 @@ class Problem:
 
     def whiten(self, signal: np.ndarray) -> np.ndarray:
         """Return a signal (n_samples, n_outputs) in windows, whitened and scaled by the noise, (W, T)."""
-        out = self.noise.innovations(self.raw(signal))
-        if self.noise.order:
-            out[~self.weighted] = 0.0
+        if not self.noise.order:
+            return self.noise.innovations(self.raw(signal)).reshape(self.rows.shape[0], -1)
+        counts = self.weighted
+        out = self.noise.innovations(self.raw(signal), counts)
+        out[~counts] = 0.0
         return out.reshape(out.shape[0], -1)
 
     def run(self, model: Model, strength=None) -> Run:

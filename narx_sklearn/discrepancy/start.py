@@ -20,7 +20,9 @@ def guess_states(
     known = simulator.known_states(u, y, windows.first)
     given = np.isfinite(known)
     for velocity, position in enumerate(structure.partner):
-        if position < 0 or given[:, velocity].any() or not given[:, position].any():
+        if position < 0 or not structure.kinematic[position]:
+            continue
+        if given[:, velocity].any() or not given[:, position].any():
             continue
         for w, (a, b) in enumerate(zip(windows.first, windows.last, strict=True)):
             samples = np.arange(a, min(a + 8, b))

@@ -15,7 +15,7 @@ ALIKE = 1e-6  # relative difference below which a derivative counts as the same
 class Structure(NamedTuple):
     """Dependencies found numerically along a run."""
 
-    partner: tuple[int, ...]  # state equation -> the state that is its integral, -1 for none
+    partner: tuple[int, ...]  # state -> the state that is its integral, up to a factor; -1 for none
     kinematic: np.ndarray  # (n_states,) bool: a definition (x' = v), where no physics can be missing
     states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
     sign: np.ndarray  # (n_states, n_states) mean sign of that dependence
@@ -57,9 +57,9 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     partner = [-1] * n
     for i in range(n):
         sources = np.flatnonzero(depends[i])
-        alone = sources.size == 1 and not driven[i].any() and not tuned[i]
+        alone = sources.size == 1 and not driven[i].any()
         if alone and sources[0] != i and spread[i, sources[0]]:
-            kinematic[i] = True
+            kinematic[i] = not tuned[i]
             if not simulator.discrete and partner[sources[0]] < 0:
                 partner[int(sources[0])] = i
     if simulator.discrete:  # what a map only remembers is no place for physics

@@ -4,11 +4,22 @@ import numpy as np
 
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_level, plays
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
-from narx_sklearn.physics.effects._starts import at_signal, grid, quantiles, scaled, spread, telling
+from narx_sklearn.physics.effects._starts import (
+    at_signal,
+    grid,
+    quantiles,
+    scaled,
+    spread,
+    telling,
+    working_points,
+)
+
+ROUNDED = 0.1  # of a dead zone's half-width: the rounding of its edges to begin with
 
 
 @kernel
@@ -49,15 +60,36 @@ def _backlash_starts(setting: Setting) -> np.ndarray:
     )
 
 
+def _past_dead_zone(level, d, c, w):
+    return level - between(level - c, -d, d, w)
+
+
 def _dead_zone_transform(signal, second, dt, theta, first):
-    return signal - np.clip(signal, -theta[0], theta[0])
+    return _past_dead_zone(signal, theta[0], theta[1], theta[2])
 
 
 def _dead_zone_starts(setting: Setting) -> np.ndarray:
-    size = np.abs(setting.argument)
-    shares = np.array([0.05, 0.15]) * quantiles(size, 1.0)
-    widths = np.unique(np.concatenate([shares, quantiles(size, [0.1, 0.25, 0.4])]))
-    return telling(setting, grid(widths[widths > 0]), _dead_zone_transform)
+    """Five widths about zero; where the signal works elsewhere, three about zero and three about its mean.
+
+    Zero is left out where it is more than the signal's range away from what was visited.
+    """
+    if spread(setting.argument) == 0:
+        return np.empty((0, 3))
+    lowest, highest = quantiles(setting.argument, [0.0, 1.0])
+    reach = highest - lowest
+    centres = [c for c in working_points(setting.argument) if lowest - reach < c < highest + reach]
+    rows = [
+        [d, c, ROUNDED * d]
+        for c in centres
+        for d in _half_widths(np.abs(setting.argument - c))[:: len(centres)]
+    ]
+    return telling(setting, np.array(rows), _dead_zone_transform)
+
+
+def _half_widths(distance: np.ndarray) -> np.ndarray:
+    shares = np.array([0.05, 0.15]) * quantiles(distance, 1.0)
+    widths = np.unique(np.concatenate([shares, quantiles(distance, [0.1, 0.25, 0.4])]))
+    return widths[widths > 0]
 
 
 @kernel
@@ -128,7 +160,7 @@ def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return of_level("past_dead_zone", _past_gap_of_level, (theta[0], 0.0), argument)
+    return of_level("past_dead_zone", _past_dead_zone, theta[:3], argument)
 
 
 def _clearance_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -170,9 +202,13 @@ CLEARANCE = (
     Effect(
         code="dead_zone",
         title="Dead zone",
-        sentence="Small commands do nothing.",
-        equation="0 for |s| < d, s - d sgn(s) outside",
-        parameters=(EffectParameter("d", "{port}", 0.0),),
+        sentence="Small commands, or small changes about a level, do nothing.",
+        equation="c for |s - c| < d, s - d sgn(s - c) outside; edges rounded over w",
+        parameters=(
+            EffectParameter("d", "{port}", 0.0),
+            EffectParameter("c", "{port}"),
+            EffectParameter("w", "{port}", 0.0),
+        ),
         starts=_dead_zone_starts,
         transform=_dead_zone_transform,
         output_port=False,

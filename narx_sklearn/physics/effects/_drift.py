@@ -5,62 +5,97 @@ import numpy as np
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import time_since
-from narx_sklearn.physics.effects._starts import grid, lines_in_time, record_length, scaled, spread
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    lines_in_time,
+    record_length,
+    scaled,
+    spread,
+    working_points,
+)
 
 FEWEST_PERIODS = 3  # in a record: fewer are drift
+SHAPES = np.array(  # T in record lengths, b, c
+    [
+        [0.05, 0.0, 0.0],  # a warm-up early in the record
+        [0.3, 0.0, 0.0],  # one over all of it
+        [3.0, 0.0, 0.0],  # nearly a ramp
+        [1.0, 2.0, -6.0],  # there and back again
+        [1.0, 20.0, -15.0],  # slow at first
+    ]
+)
 
 
 @kernel
-def _gain_drift(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * argument * time
-
-
-def _gain_drift_transform(signal, second, dt, theta, first):
-    return signal * (1.0 + theta[0] * time_since(first, signal.size, dt))
-
-
-def _gain_drift_starts(setting: Setting) -> np.ndarray:
-    if spread(setting.argument) == 0:  # a ramp then, which is additive drift
-        return np.empty((0, 1))
-    return scaled(setting, grid([1.0]), lambda row: setting.argument * setting.time)
-
-
-@kernel
-def _temperature_gain(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * argument * second
-
-
-def _temperature_gain_transform(signal, second, dt, theta, first):
-    return signal * (1.0 + theta[0] * second)
-
-
-def _temperature_gain_starts(setting: Setting) -> np.ndarray:
-    if setting.second is None or spread(setting.second) == 0 or spread(setting.argument) == 0:
-        return np.empty((0, 1))
-    return scaled(setting, grid([1.0]), lambda row: setting.argument * setting.second)
-
-
-@kernel
-def _warming(time, T):
+def _warmed(time, T):
     """Return 1 - exp(-t/T), and a straight line of slope 1/T where T is beyond all bounds."""
     return -np.expm1(-time / T) if T > 0.0 else (1.0 if time > 0.0 else 0.0)
 
 
+def _warmed_along(time, T):
+    return -np.expm1(-time / T) if T > 0 else (time > 0).astype(float)
+
+
+@kernel
+def _gain_drift(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * _warmed(time, theta[1]) * (argument - theta[2])
+
+
+def _gain_drift_transform(signal, second, dt, theta, first):
+    warmed = _warmed_along(time_since(first, signal.size, dt), theta[1])
+    return signal + theta[0] * warmed * (signal - theta[2])
+
+
+def _gain_drift_starts(setting: Setting) -> np.ndarray:
+    """A gain that settles within the record, and one that goes on and on; about zero and about the mean."""
+    if spread(setting.argument) == 0:  # a drift then, which is additive
+        return np.empty((0, 3))
+    times = np.array([0.3, 3.0]) * record_length(setting)
+    return scaled(
+        setting,
+        grid([1.0], times, working_points(setting.argument)),
+        lambda row: _warmed_along(setting.time, row[1]) * (setting.argument - row[2]),
+    )
+
+
+@kernel
+def _temperature_gain(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * (second - theta[1]) * (argument - theta[2])
+
+
+def _temperature_gain_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (second - theta[1]) * (signal - theta[2])
+
+
+def _temperature_gain_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None or spread(setting.second) == 0 or spread(setting.argument) == 0:
+        return np.empty((0, 3))
+    return scaled(
+        setting,
+        grid([1.0], working_points(setting.second)[-1:], working_points(setting.argument)),
+        lambda row: (setting.second - row[1]) * (setting.argument - row[2]),
+    )
+
+
 @kernel
 def _additive_drift(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * _warming(time, theta[1])
+    q = _warmed(time, theta[1])
+    return theta[0] * q * (1.0 + q * (theta[2] + q * theta[3]))
+
+
+def _shape_of_drift(time, T, b, c):
+    q = _warmed_along(time, T)
+    return q * (1.0 + q * (b + q * c))
 
 
 def _additive_drift_transform(signal, second, dt, theta, first):
-    time = time_since(first, signal.size, dt)
-    return signal + theta[0] * (-np.expm1(-time / theta[1]) if theta[1] > 0 else (time > 0))
+    return signal + theta[0] * _shape_of_drift(time_since(first, signal.size, dt), *theta[1:4])
 
 
 def _additive_drift_starts(setting: Setting) -> np.ndarray:
-    """A warm-up early in the record, one over all of it, and nearly a ramp."""
-    length = record_length(setting)
-    rows = grid([1.0], np.array([0.05, 0.3, 3.0]) * length)
-    return scaled(setting, rows, lambda row: -np.expm1(-setting.time / row[1]))
+    rows = np.column_stack([np.ones(len(SHAPES)), SHAPES])
+    rows[:, 1] *= record_length(setting)
+    return scaled(setting, rows, lambda row: _shape_of_drift(setting.time, *row[1:]))
 
 
 def _bias_transform(signal, second, dt, theta, first):
@@ -101,9 +136,14 @@ DRIFT = (
     Effect(
         code="gain_drift",
         title="Drifting gain",
-        sentence="The gain changes slowly with time.",
-        equation="s (1 + a t) at an input; a x t, a drifting coefficient, in a state equation",
-        parameters=(EffectParameter("a", "{port}/({arg} s)"),),
+        sentence="The gain changes slowly with time, and may settle.",
+        equation="s + a q (s - r) at an input; a q (x - r), a drifting coefficient, in a state equation; "
+        "q = 1 - exp(-t/T), nearly t/T where T is long",
+        parameters=(
+            EffectParameter("a", "{port}/({arg})"),
+            EffectParameter("T", "s", 0.0),
+            EffectParameter("r", "{arg}"),
+        ),
         starts=_gain_drift_starts,
         force=_gain_drift,
         transform=_gain_drift_transform,
@@ -118,8 +158,13 @@ DRIFT = (
         code="temperature_gain",
         title="Gain that follows another measured signal",
         sentence="The gain changes with a measured condition, temperature for one.",
-        equation="s (1 + a w) at an input; a x w in a state equation, with w the measured signal",
-        parameters=(EffectParameter("a", "{port}/({arg} {second})"),),
+        equation="s + a (w - reference) (s - r) at an input; a (w - reference) (x - r) in a state equation, "
+        "with w the measured signal",
+        parameters=(
+            EffectParameter("a", "{port}/({arg} {second})"),
+            EffectParameter("reference", "{second}"),
+            EffectParameter("r", "{arg}"),
+        ),
         starts=_temperature_gain_starts,
         force=_temperature_gain,
         transform=_temperature_gain_transform,
@@ -135,8 +180,14 @@ DRIFT = (
         code="additive_drift",
         title="Additive drift",
         sentence="It wanders off by itself, whatever the input does.",
-        equation="b (1 - exp(-t/T)), added; nearly b t/T where T is long",
-        parameters=(EffectParameter("b", "{port}"), EffectParameter("T", "s", 0.0)),
+        equation="a (q + b q^2 + c q^3), added; q = 1 - exp(-t/T), nearly t/T where T is long; a warm-up has "
+        "b = c = 0",
+        parameters=(
+            EffectParameter("a", "{port}"),
+            EffectParameter("T", "s", 0.0),
+            EffectParameter("b", "-"),
+            EffectParameter("c", "-"),
+        ),
         starts=_additive_drift_starts,
         force=_additive_drift,
         transform=_additive_drift_transform,
@@ -145,7 +196,7 @@ DRIFT = (
         lookalikes=("gain_drift", "sensor_bias", "creep", "constant_load", "coupling"),
         separate_by="holding the input at zero, or a second sensor",
         source="Ljung 1999, System Identification, sec. 14.1",
-        narx_terms="time as a further input",
+        narx_terms="time as a further input: t[k], t[k]^2, t[k]^3",
     ),
     Effect(
         code="sensor_bias",

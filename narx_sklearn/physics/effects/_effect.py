@@ -106,8 +106,8 @@ class Effect:
     >>> from narx_sklearn.physics.effects import CATALOGUE
     >>> saturation = CATALOGUE["input_saturation"]
     >>> saturation.ports, [parameter.name for parameter in saturation.parameters]
-    (('input',), ['low', 'high'])
-    >>> saturation.transform(np.array([-3.0, 0.5, 2.0]), None, 0.01, [-1.0, 1.5], [0]).tolist()
+    (('input',), ['low', 'high', 'w'])
+    >>> saturation.transform(np.array([-3.0, 0.5, 2.0]), None, 0.01, [-1.0, 1.5, 0.0], [0]).tolist()
     [-1.0, 0.5, 1.5]
     """
 

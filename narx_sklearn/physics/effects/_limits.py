@@ -3,29 +3,54 @@
 import numpy as np
 
 from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_difference, of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
+NARROW, WIDE = 0.05, 0.25  # widths of a knee, as shares of the signal's range
+SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
-def _between(level, low, high):
-    return np.clip(level, min(low, high), max(low, high))
+
+def _saturated(level, low, high, w):
+    """Return the rounded clip with unit slope in the middle: small signals pass as they are."""
+    if not w > 0:
+        return between(level, low, high)
+    middle, half = 0.5 * (low + high), max(0.5 * abs(high - low), SLIM * w)
+    with np.errstate(over="ignore"):  # so narrow a knee leaves the slope alone
+        slope = np.tanh(0.5 * half / w)
+    return middle + (between(level, middle - half, middle + half, w) - middle) / slope
+
+
+def _saturation_transform(signal, second, dt, theta, first):
+    return _saturated(signal, theta[0], theta[1], theta[2])
+
+
+def _saturation_starts(setting: Setting) -> np.ndarray:
+    """Both levels or one alone, with a narrow knee; and a drive that gives less and less all the way."""
+    lowest, highest = quantiles(setting.argument, [0.0, 1.0])
+    rows = np.column_stack([_levels(setting), np.full(5, NARROW * (highest - lowest))])
+    gradual = [*quantiles(setting.argument, [0.1, 0.9]), WIDE * (highest - lowest)]
+    return telling(setting, np.vstack([rows, gradual]), _saturation_transform)
 
 
 def _clip_transform(signal, second, dt, theta, first):
-    return _between(signal, theta[0], theta[1])
+    return between(signal, theta[0], theta[1])
 
 
 def _clip_starts(setting: Setting) -> np.ndarray:
-    """Both levels, then one alone; the other is then out of reach, by twice the range."""
+    return telling(setting, _levels(setting), _clip_transform)
+
+
+def _levels(setting: Setting) -> np.ndarray:
+    """Return both levels, then one alone, (5, 2); the other is then out of reach, by twice the range."""
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     reach = 2 * (highest - lowest)
     both = [quantiles(setting.argument, [1 - share, share]) for share in (0.75, 0.9, 0.97)]
     low, high = quantiles(setting.argument, [0.15, 0.85])
-    rows = np.array([*both, [low, highest + reach], [lowest - reach, high]])
-    return telling(setting, rows, _clip_transform)
+    return np.array([*both, [low, highest + reach], [lowest - reach, high]])
 
 
 @kernel
@@ -88,7 +113,11 @@ def _above(now, before, level):
 
 
 def _input_saturation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return of_level("clip", _between, theta[:2], argument)
+    return of_level("saturation", _saturated, theta[:3], argument)
+
+
+def _sensor_clip_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("clip", between, theta[:2], argument)
 
 
 def _rate_limit_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -103,11 +132,16 @@ LIMITS = (
     Effect(
         code="input_saturation",
         title="Saturation of the input",
-        sentence="Beyond a level the drive gives no more.",
-        equation="min(max(s, low), high)",
-        parameters=(EffectParameter("low", "{port}"), EffectParameter("high", "{port}")),
-        starts=_clip_starts,
-        transform=_clip_transform,
+        sentence="Towards a level the drive gives less and less, and beyond it no more.",
+        equation="min(max(s, low), high) where w = 0; else m + (low + w log((1 + exp((s - low)/w))"
+        "/(1 + exp((s - high)/w))) - m)/tanh((high - low)/(4 w)), m = (low + high)/2",
+        parameters=(
+            EffectParameter("low", "{port}"),
+            EffectParameter("high", "{port}"),
+            EffectParameter("w", "{port}", 0.0),
+        ),
+        starts=_saturation_starts,
+        transform=_saturation_transform,
         output_port=False,
         amplitude=None,
         lookalikes=("sensor_clip", "input_polynomial", "cubic_stiffness", "rate_limit", "bilinear_input"),
@@ -158,6 +192,6 @@ LIMITS = (
         lookalikes=("input_saturation", "overflow"),
         separate_by="counting values at the flat top, and timing the fall after it",
         source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
-        phi=_input_saturation_phi,
+        phi=_sensor_clip_phi,
     ),
 )

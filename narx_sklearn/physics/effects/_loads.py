@@ -6,7 +6,14 @@ from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_difference, of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
-from narx_sklearn.physics.effects._starts import grid, lines_in_angle, quantiles, scaled, spread
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    lines_in_angle,
+    quantiles,
+    scaled,
+    spread,
+    working_points,
+)
 
 SMALLEST_TURN = 0.05  # rad: below it the sine of an angle is the angle
 QUARTER = 0.5 * np.pi
@@ -109,24 +116,29 @@ def _root_outflow_starts(setting: Setting) -> np.ndarray:
 
 @kernel
 def _bilinear_input(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * second * argument
+    return theta[0] * second * (argument - theta[1])
 
 
 def _bilinear_input_starts(setting: Setting) -> np.ndarray:
     if setting.second is None or spread(setting.second) == 0 or spread(setting.argument) == 0:
-        return np.empty((0, 1))
-    return scaled(setting, grid([1.0]), lambda row: setting.second * setting.argument)
+        return np.empty((0, 2))
+    return scaled(
+        setting,
+        grid([1.0], working_points(setting.argument)),
+        lambda row: setting.second * (setting.argument - row[1]),
+    )
 
 
 @kernel
 def _coupling(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * second
+    return theta[0] * (second - theta[1])
 
 
 def _coupling_starts(setting: Setting) -> np.ndarray:
-    if setting.second is None:
-        return np.empty((0, 1))
-    return scaled(setting, grid([1.0]), lambda row: setting.second)
+    if setting.second is None or spread(setting.second) == 0:
+        return np.empty((0, 2))
+    rows = grid([1.0], working_points(setting.second)[-1:])
+    return scaled(setting, rows, lambda row: setting.second - row[1])
 
 
 def _gravity_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -229,8 +241,8 @@ LOADS = (
         code="bilinear_input",
         title="Gain that depends on the state",
         sentence="How strongly the input acts depends on the state.",
-        equation="b u x",
-        parameters=(EffectParameter("b", "{port}/({arg} {second})"),),
+        equation="b u (x - r)",
+        parameters=(EffectParameter("b", "{port}/({arg} {second})"), EffectParameter("r", "{arg}")),
         starts=_bilinear_input_starts,
         force=_bilinear_input,
         argument="any",
@@ -238,14 +250,14 @@ LOADS = (
         lookalikes=("input_saturation", "gain_drift"),
         separate_by="steps at several operating points",
         source="Mohler 1991, Nonlinear Systems, vol. 2: Applications to Bilinear Control, ch. 1",
-        narx_terms="u[k-1]*y[k-1]",
+        narx_terms="u[k-1]*y[k-1] and u[k-1]",
     ),
     Effect(
         code="coupling",
         title="Coupling to another measured signal",
         sentence="Another measured signal drives it too.",
-        equation="b w, with w the other signal",
-        parameters=(EffectParameter("b", "{port}/({second})"),),
+        equation="b (w - reference), with w the other signal",
+        parameters=(EffectParameter("b", "{port}/({second})"), EffectParameter("reference", "{second}")),
         starts=_coupling_starts,
         force=_coupling,
         argument="none",
@@ -253,6 +265,6 @@ LOADS = (
         lookalikes=("additive_drift", "temperature_gain"),
         separate_by="varying that signal alone",
         source="Ljung 1999, System Identification, sec. 4.2 (measured disturbances)",
-        narx_terms="that signal as a further input",
+        narx_terms="that signal as a further input, and the constant",
     ),
 )

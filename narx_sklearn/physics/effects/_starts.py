@@ -9,6 +9,8 @@ from narx_sklearn.physics.effects._effect import Setting
 
 ORDINARY = 0.1  # an effect of ordinary size changes what it acts on by a tenth of its spread
 FLAT = 1e-6  # relative spread below which a signal counts as constant
+NEAR_ZERO = 0.01  # of the spread: stands for zero, since difference steps are shares of the value
+ELSEWHERE = 0.2  # of the spread: a mean nearer to zero than this is found by a fit that begins at zero
 ANGLE_BINS = 4096  # in the range of an angle: a hundred waves a turn still have forty bins each
 
 
@@ -24,6 +26,15 @@ def spread(values: np.ndarray) -> float:
         return 0.0
     deviation = float(np.std(values))
     return deviation if deviation > FLAT * np.max(np.abs(values)) else 0.0
+
+
+def working_points(values: np.ndarray) -> np.ndarray:
+    """Return levels about which a law may act on a signal that varies: zero, and the mean if elsewhere.
+
+    The last one is where the signal works.
+    """
+    size, mean = spread(values), float(np.mean(values[np.isfinite(values)]))
+    return np.array([NEAR_ZERO * size, mean] if abs(mean) > ELSEWHERE * size else [NEAR_ZERO * size])
 
 
 def quantiles(values: np.ndarray, shares) -> np.ndarray:

@@ -5,7 +5,17 @@ import numpy as np
 from narx_sklearn.model.phi import FunctionPhi, Phi
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
-from narx_sklearn.physics.effects._starts import grid, reverses, scaled, spread, telling
+from narx_sklearn.physics.effects._starts import (
+    ORDINARY,
+    grid,
+    reverses,
+    scaled,
+    spread,
+    telling,
+    working_points,
+)
+
+MOSTLY = np.array([[1.0, 0.1], [0.1, 1.0]])  # a square with a little of a cube, and the other way round
 
 
 @kernel
@@ -38,20 +48,31 @@ def _bilinear_starts(setting: Setting) -> np.ndarray:
 
 
 def _polynomial_transform(signal, second, dt, theta, first):
-    return signal * (1.0 + signal * (theta[0] + signal * theta[1]))
+    beyond = signal - theta[2]
+    return signal + beyond * beyond * (theta[0] + beyond * theta[1])
 
 
 def _polynomial_starts(setting: Setting) -> np.ndarray:
-    """Each power alone, with either sign; a signal of two levels cannot show them."""
-    size = spread(setting.argument)
-    powers = [spread(setting.argument**p) for p in (2, 3)]
+    """Mostly one power about where the signal works, with either sign; a square about zero if that differs.
+
+    No parameter scales the whole, so each start is of ordinary size; a signal of two levels shows none.
+    """
+    if spread(setting.argument) == 0:
+        return np.empty((0, 3))
+    points = working_points(setting.argument)
     rows = [
-        np.where(np.arange(2) == i, sign * 0.1 * size / power, 0.0)
-        for i, power in enumerate(powers)
-        if power > 0
+        [*(sign * shares * _ordinary_powers(setting.argument, r)), r]
+        for r in points
+        for shares in (MOSTLY if r == points[-1] else MOSTLY[:1])
         for sign in (1.0, -1.0)
     ]
-    return telling(setting, np.array(rows).reshape(-1, 2), _polynomial_transform)
+    return telling(setting, np.array(rows), _polynomial_transform)
+
+
+def _ordinary_powers(signal: np.ndarray, r: float) -> np.ndarray:
+    """Return the coefficients of square and cube about ``r`` that make either of ordinary size."""
+    powers = np.array([spread((signal - r) ** 2), spread((signal - r) ** 3)])
+    return ORDINARY * spread(signal) / np.where(powers > 0, powers, np.inf)
 
 
 def _bilinear_stiffness_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -105,8 +126,12 @@ STIFFNESS = (
         code="input_polynomial",
         title="Nonlinear drive",
         sentence="The drive is not proportional to its command.",
-        equation="s + a2 s^2 + a3 s^3",
-        parameters=(EffectParameter("a2", "1/({port})"), EffectParameter("a3", "1/({port})^2")),
+        equation="s + a2 (s - r)^2 + a3 (s - r)^3",
+        parameters=(
+            EffectParameter("a2", "1/({port})"),
+            EffectParameter("a3", "1/({port})^2"),
+            EffectParameter("r", "{port}"),
+        ),
         starts=_polynomial_starts,
         transform=_polynomial_transform,
         output_port=False,
@@ -114,6 +139,6 @@ STIFFNESS = (
         lookalikes=("input_saturation", "load_friction"),
         separate_by="an amplitude ladder",
         source="Billings 2013, Nonlinear System Identification, sec. 1.4 (Hammerstein models)",
-        narx_terms="u[k-1]^2 and u[k-1]^3",
+        narx_terms="u[k-1]^2, u[k-1]^3 and the constant",
     ),
 )

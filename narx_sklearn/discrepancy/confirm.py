@@ -1,0 +1,39 @@
+"""Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
+
+import numpy as np
+from scipy.stats import chi2
+
+from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+
+REFITS = 4  # iterations that bring a model to its optimum under the other noise
+
+
+def chance_of_noise(problem: Problem, without: Model, with_effect: Model, n_tried: int) -> float:
+    """Return the p-value of a model's last effect when each side may call what it leaves noise of its colour.
+
+    Slow noise (a drift) looks like slow effects. Without the effect the noise model takes up what it can;
+    twice the difference of the log-likelihoods is then chi-squared, and the best of all that was tried pays
+    for their number (Bonferroni). A shape found by fitting is one of about the square root of n values that
+    n samples can tell apart.
+
+    Parameters
+    ----------
+    n_tried : int
+        Hypotheses of which the effect is the best.
+    """
+    gained = deviance(problem, without) - deviance(problem, with_effect)
+    n_shapes = with_effect.effects[-1].n_theta - 1
+    log_tried = np.log(n_tried) + 0.5 * n_shapes * np.log(problem.n_seen)
+    return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
+
+
+def deviance(problem: Problem, model: Model) -> float:
+    """Return minus twice the log-likelihood under noise of its own colour, with a price for the colour."""
+    noise = estimate_noise(problem.left_over(model), problem.seen)
+    own = problem.with_noise(noise)
+    found = fit(own, model, iterations=REFITS)
+    mean_square = found.cost / max(own.n_seen, 1)
+    level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
+    return int(problem.seen.sum()) * level + noise.n_parameters * np.log(max(own.n_seen, 2))
