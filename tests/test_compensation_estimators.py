@@ -24,7 +24,15 @@ from narx_sklearn.compensation import (
 )
 from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.metrics import mape
-from narx_sklearn.model import Difference, DifferenceSign, NARXModel, SmoothSign, TermLibrary, free_run
+from narx_sklearn.model import (
+    Difference,
+    DifferenceSign,
+    FunctionPhi,
+    NARXModel,
+    SmoothSign,
+    TermLibrary,
+    free_run,
+)
 from narx_sklearn.physics import PIEZO_BENCH, BoucWen, BoucWenModel, PrandtlIshlinskiiOperator
 from narx_sklearn.signals import prfs
 
@@ -144,6 +152,49 @@ def test_isolable_is_a_structure_known_by_name():
     regressor = NARXRegressor(1, 2, degree=2, structure="isolable", n_terms=4).fit(X, y)
     law = IsolatedCompensator(regressor.model_).fit().law_
     assert law.method == "explicit"
+
+
+@pytest.mark.parametrize("constraints", [None, "y[k-1] = 1"])
+def test_the_newest_input_is_kept_where_selection_loses_it(constraints):
+    # a machine that answers to its newest input far less than to the one before
+    u = np.random.default_rng(0).normal(size=60)
+    y = free_run(NARXModel.from_equations("y[k-1] + 0.05*u[k-1] + u[k-2]"), u, y_init=[0.0, 0.0]).y[:, 0]
+    regressor = NARXRegressor(
+        1, 2, degree=2, structure="isolable", n_terms=2, refine=False, origin="zero", constraints=constraints,
+        fit_intercept=False,
+    )  # fmt: skip
+    lost = regressor.fit(u.reshape(-1, 1), y).terms_
+    assert "u[k-1]" not in lost
+    with pytest.warns(AmplificationWarning):
+        compensator = IsolatedCompensator(regressor).fit(u.reshape(-1, 1), y)
+    assert compensator.model_.library.names == TermLibrary([*lost, "u[k-1]"]).names
+    assert compensator.law_.horizon == 1
+    if constraints is not None:
+        assert compensator.model_.equation()["y[k-1]"] == pytest.approx(1.0, abs=1e-12)
+    assert compensator.model_.equation()["u[k-1]"] == pytest.approx(0.05, abs=1e-9)
+
+
+def test_a_short_record_of_the_bench_still_gives_a_law():
+    u, y = PIEZO_INPUT[:150], PIEZO_OUTPUT[:150]
+    with pytest.warns(AmplificationWarning):
+        law = IsolatedCompensator(limits=(-80, 80)).fit(u.reshape(-1, 1), y).law_
+    assert law.method == "explicit"
+
+
+def test_a_user_function_is_compensated_from_data():
+    plant = NARXModel.from_equations(
+        "0.6*y[k-1] + u[k-1] + 0.5*f[k-2]", phi=[FunctionPhi(np.arctan, ["u[k]"], name="f")]
+    )
+    u = np.random.default_rng(0).uniform(-1, 1, 400)
+    y = free_run(plant, u, y_init=[0.0, 0.0]).y[:, 0]
+    regressor = NARXRegressor(1, 1, phi=plant.phi, phi_lags=2, degree=1, n_terms=3, refine=False)
+    compensator = RootCompensator(regressor).fit(u.reshape(-1, 1), y)
+    r = 0.5 * np.sin(np.arange(300) / 15)
+    tracked = free_run(plant, compensator.predict(r)).y[:, 0]
+    np.testing.assert_allclose(tracked[50:], r[50:], atol=1e-8)
+    assert clone(compensator).fit(u.reshape(-1, 1), y).reset().step(0.1) == pytest.approx(
+        compensator.step(0.1)
+    )
 
 
 def test_a_denoised_output_takes_the_bias_from_the_inverse():

@@ -1,5 +1,6 @@
 """Laws from models: the thesis's published compensators, roots of polynomials, kernels, C code."""
 
+import pickle
 import shutil
 import subprocess
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 from thesis_models import EXAMPLE_4_1, M_I, M_INVERSE, M_R, THETA_I, THETA_R
 
 from narx_sklearn.compensation import (
@@ -23,6 +25,7 @@ from narx_sklearn.compensation import (
 from narx_sklearn.compensation import _kernels as kernels
 from narx_sklearn.compensation import _polynomial_roots as polynomial_roots
 from narx_sklearn.compensation.law import LawState
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model import (
     AbsoluteDifference,
     AsymmetricSign,
@@ -220,6 +223,52 @@ def test_separate_roots_are_found_at_any_scale(roots, scale, gain):
     np.testing.assert_allclose(first_root(c), wanted, rtol=1e-6, equal_nan=True)
 
 
+def cut_root(c, start, end):
+    """The slow form of `first_root`: all intervals between turning points, with numpy's roots."""
+    derivative = np.polynomial.polynomial.polyder(c)
+    turns = np.roots(derivative[::-1])
+    cuts = [
+        start,
+        *np.sort(turns.real[(abs(turns.imag) < 1e-9) & (turns.real > start) & (turns.real < end)]),
+        end,
+    ]
+    values = np.polynomial.polynomial.polyval(np.array(cuts), c)
+    for a, b, before, after in zip(cuts, cuts[1:], values, values[1:], strict=False):
+        if before * after < 0.0:
+            return brentq(lambda x: np.polynomial.polynomial.polyval(x, c), a, b, xtol=1e-14)
+    return np.nan
+
+
+@pytest.mark.parametrize("start", [0.0, 0.25])
+def test_the_short_ways_to_the_first_root_agree_with_the_cuts(start):
+    rng = np.random.default_rng(0)
+    shortened = 0
+    for _ in range(300):
+        degree = rng.integers(3, 7)
+        c = rng.normal(size=degree + 1) * 10.0 ** rng.uniform(-3, 0, degree + 1)
+        end = start + rng.exponential(2.0)
+        wanted = cut_root(c, start, end)
+        slopes = np.zeros(degree + 1)
+        near = polynomial_roots.near_root(c, degree, start, end, slopes)
+        if near == near:
+            shortened += 1
+            np.testing.assert_allclose(near, wanted, rtol=1e-9)
+        if polynomial_roots._has_no_zero(c, degree, start, end):
+            shortened += 1
+            assert np.isnan(wanted)
+        np.testing.assert_allclose(first_root(c, start, end), wanted, rtol=1e-9, equal_nan=True)
+    assert shortened > 100
+
+
+@pytest.mark.parametrize("find", [polynomial_roots.near_root, polynomial_roots.near_root.py_func])
+def test_newton_that_jumps_over_a_root_proves_nothing(find):
+    # (x - 0.1) (x - 1.2) (x - 6): the slope is small at 0.66, and the steps from there end at 6
+    c = np.polynomial.polynomial.polyfromroots([0.1, 1.2, 6.0])
+    assert find(c, 3, 0.0, 20.0, np.zeros(4)) == pytest.approx(0.1, rel=1e-12)
+    assert np.isnan(find(c, 3, 0.66, 20.0, np.zeros(4)))
+    assert first_root(c, 0.66, 20.0) == pytest.approx(1.2, rel=1e-12)
+
+
 @given(st.lists(st.floats(-5, 5), min_size=4, max_size=6), st.floats(0.1, 3.0))
 def test_the_best_point_is_no_worse_than_a_fine_grid(c, end):
     c = np.array(c)
@@ -240,6 +289,11 @@ def smooth_reference(n=400, size=1.0, seed=0):
     rng = np.random.default_rng(seed)
     k = np.arange(n)
     return size * sum(rng.uniform(0.2, 1) * np.sin(k * f + rng.uniform(0, 6)) for f in (0.02, 0.033, 0.05))
+
+
+def flattened(u, y):
+    """A user's function that no polynomial equals."""
+    return np.tanh(u) / (1.0 + y * y)
 
 
 MODELS = {
@@ -267,10 +321,33 @@ MODELS = {
     "operator": NARXModel.from_equations(
         "0.4*y[k-1] + u[k-1] + 0.3*phi1[k-1]", phi=[HystereticOperator("u", name="phi1")]
     ),
+    "function of the past": NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-1] + 0.3*f[k-1] + 0.1*f[k-2]*u[k-1]^3",
+        phi=[FunctionPhi(flattened, ["u[k-1]", "y[k]"], name="f")],
+    ),
+    "function of the newest input": NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-1] + 0.3*f[k-1] + 0.1*f[k-3]",
+        phi=[FunctionPhi(flattened, ["u[k]", "y[k]"], name="f")],
+    ),
+    "function with a long delay": NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-3] + 0.2*f[k-1]", phi=[FunctionPhi(flattened, ["u[k-3]", "y[k]"], name="f")]
+    ),
+    "function of another input": NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-1] + 0.2*f[k]",
+        inputs=["u", "w"],
+        phi=[FunctionPhi(flattened, ["u[k-2]", "w[k]"], name="f")],
+    ),
     "output phi": NARXModel.from_equations(
         "0.6*y[k-1] + u[k-1] + 0.2*phi1[k-1]", phi=[DifferenceSign("y", name="phi1")]
     ),
 }
+
+
+def interpreted(u, y):
+    """`flattened` in a form that numba cannot compile: it fills masks of arrays."""
+    value = np.tanh(u)
+    value[y != 0.0] /= (1.0 + y * y)[y != 0.0]
+    return value
 
 
 def signals_for(model, n=400):
@@ -321,7 +398,7 @@ def test_compiled_and_interpreted_kernels_agree(name, monkeypatch):
         for key, value in list(vars(module).items()):
             if hasattr(value, "py_func") and value.py_func.__module__.startswith("narx_sklearn.compensation"):
                 monkeypatch.setattr(module, key, value.py_func)
-    for key in ("first_root", "root_bound", "smallest_value"):
+    for key in ("first_root", "smallest_value"):
         monkeypatch.setattr(kernels, key, getattr(polynomial_roots, key))
     np.testing.assert_allclose(law.run(known, m=0.3).m, whole, rtol=1e-12, atol=1e-14)
 
@@ -431,10 +508,11 @@ def test_smooth_signs_replace_every_sign_and_nothing_else():
     [
         (EXAMPLE_4_1, isolated_law, 'structure="isolable"'),
         (NARXModel.from_equations("0.5*y[k-1]"), root_law, "does not depend on the input"),
+        (MODELS["function of the newest input"], isolated_law, r"f\[k\]"),
         (
-            NARXModel.from_equations("y[k-1] + phi1[k-1]", phi=[FunctionPhi(np.abs, ["u[k]"])]),
-            root_law,
-            "Python function",
+            MODELS["function of the newest input"],
+            root_polynomials,
+            r"flattened\(m\[k\], r\[k\]\).* no polynomial",
         ),
         (NARXModel.from_equations("y[k-1] + m[k-1] + u[k-1]", inputs=["u", "m"]), root_law, "rename"),
         (
@@ -451,6 +529,79 @@ def test_models_that_allow_no_law_are_refused(model, derive, message):
         derive(model)
 
 
+# -- functions of the user's --------------------------------------------------------------------------------
+
+
+def test_a_function_waits_for_the_input_only_where_it_reads_the_newest():
+    past = root_law(MODELS["function of the past"])
+    assert past.method == "roots"
+    assert past.elements[0].describe() == "flattened(m[k-1], r[k])"
+    assert "0.3*f[k] - r[k+1] + 0.5*r[k] + m[k-1] + 0.1*f[k-1]*m[k-1]^3" in str(past)
+    assert root_law(MODELS["function of the newest input"]).method == "search"
+    assert (
+        root_law(MODELS["function with a long delay"]).elements[0].describe() == "flattened(m[k-1], r[k+2])"
+    )
+
+
+@pytest.mark.parametrize("name", ["function of the past", "function of the newest input"])
+def test_a_function_that_does_not_compile_is_called_as_python_and_gives_the_same_numbers(name):
+    model = MODELS[name]
+    plain = NARXModel.from_equations(
+        model.equation(), phi=[FunctionPhi(interpreted, model.phi[0].of, name="f")]
+    )
+    r = signals_for(model, 60)
+    with pytest.warns(NarxWarning, match="interpreted could not be compiled"):
+        slow = limited(root_law(plain)).run(r, m=0.3).m
+    np.testing.assert_allclose(slow, limited(root_law(model)).run(r, m=0.3).m, rtol=1e-13, atol=1e-15)
+
+
+def test_an_error_in_a_function_reaches_the_caller():
+    def broken(u):
+        raise KeyError("no table for this input")
+
+    model = NARXModel.from_equations("u[k-1] + f[k-2]", phi=[FunctionPhi(broken, ["u[k]"], name="f")])
+    with pytest.raises(KeyError, match="no table"), pytest.warns(NarxWarning):
+        root_law(model).run([0.0, 1.0])
+
+
+def test_a_difference_as_a_function_gives_the_law_of_the_built_in_one():
+    equation = "0.8*y[k-1] + 0.3*y[k-2] + f[k-1] + 0.4*f[k-2]*y[k-1] + 0.2*u[k-1]"
+    built_in = NARXModel.from_equations(equation, phi=[Difference("u", name="f")])
+    users = NARXModel.from_equations(
+        equation, phi=[FunctionPhi(lambda now, before: now - before, ["u[k]", "u[k-1]"], name="f")]
+    )
+    r = smooth_reference(200, 1.0)
+    laws = [limited(root_law(model)) for model in (built_in, users)]
+    assert [law.method for law in laws] == ["roots", "search"]
+    fast, slow = (law.run(r, m=0.1).m for law in laws)
+    np.testing.assert_allclose(slow, fast, atol=1e-12)
+    growth = [law_stability(law, r, m=0.1).growth for law in laws]
+    assert growth[1] == pytest.approx(growth[0], rel=1e-6)
+
+
+def test_an_inverse_law_calls_functions_of_both_signals():
+    model = NARXModel.from_equations(
+        "0.5*u[k-1] + y[k-1] + 0.3*f[k-1]",
+        outputs=["u"],
+        inputs=["y"],
+        phi=[FunctionPhi(flattened, ["y[k]", "u[k]"], name="f")],
+    )
+    law = inverse_law(model, lead=2)
+    assert str(law) == "m[k] = 0.3*f[k] + r[k+1] + 0.5*m[k-1]\n  f[k] = flattened(r[k+1], m[k-1])"
+    r = smooth_reference(50, 1.0)
+    m, expected = law.run(r).m, [0.0]
+    for k in range(49):
+        expected.append(0.3 * flattened(r[k + 1], expected[-1]) + r[k + 1] + 0.5 * expected[-1])
+    np.testing.assert_allclose(m[:49], expected[1:], atol=1e-14)
+
+
+def test_a_law_with_a_function_can_be_pickled_after_it_ran():
+    law = limited(root_law(MODELS["function of the past"]))
+    r = smooth_reference(20, 1.0)
+    first = law.run(r).m
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(law)).run(r).m, first)
+
+
 def test_an_inverse_model_must_read_the_output():
     model = NARXModel.from_equations("u[k-1]", outputs=["u"], inputs=["y"])
     with pytest.raises(ValueError, match=r"Assumption 4\.5"):
@@ -458,6 +609,8 @@ def test_an_inverse_model_must_read_the_output():
 
 
 # -- C ------------------------------------------------------------------------------------------------------
+
+USERS = "double law_user_f(double u, double y) { return tanh(u) / (1.0 + y * y); }\n"
 
 DRIVER = """
 #include <stdio.h>
@@ -477,6 +630,7 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
     "piezo isolated": isolated_law(M_I),
     "piezo inverse": inverse_law(M_INVERSE, 2),
     "nearest": limited(root_law(MODELS["cubic"]), policy="nearest", limits=(-0.4, 0.3), rate_limit=0.02),
+    "five powers": limited(root_law(NARXModel.from_equations("u[k-1] + 0.3*u[k-1]^5 - 0.8*u[k-1]^4"))),
     "bouc-wen": CompensationLaw(
         "explicit", (Polynomial({"r[k]": 0.6, "h[k-1]": 0.6}),), (BoucWenElement("m", 0.9, 0.8, 0.5, 1.5),)
     ),
@@ -499,7 +653,8 @@ def test_the_c_code_computes_the_same_numbers(tmp_path):
         for key, text in fill.items():
             driver = driver.replace(key, text)
         source, program = tmp_path / f"law{number}.c", tmp_path / f"law{number}"
-        source.write_text(c_source(law, "law") + driver)
+        written = c_source(law, "law")
+        source.write_text(written + (USERS if "law_user_f" in written else "") + driver)
         flags = [
             "-std=c99",
             "-O0",

@@ -259,8 +259,11 @@ class Compensator(BaseEstimator):
 
 def identified(model: Any, default, X, y, sessions) -> NARXModel:
     """Return a model that is given, or identify one with the given or the default estimator."""
-    if isinstance(model, NARXModel):
-        return model
+    return model if isinstance(model, NARXModel) else fitted_regressor(model, default, X, y, sessions).model_
+
+
+def fitted_regressor(model: Any, default, X, y, sessions) -> Any:
+    """Return the given or the default estimator, fitted to the record."""
     if X is None or y is None:
         raise ValueError(
             "fit needs the record X (inputs) and y (output) to identify a model from, or the compensator a "
@@ -273,7 +276,7 @@ def identified(model: Any, default, X, y, sessions) -> NARXModel:
         )
     regressor = default(X, y) if model is None else clone(model)
     options = {} if sessions is None else {"sessions": sessions}
-    return regressor.fit(X, y, **options).model_
+    return regressor.fit(X, y, **options)
 
 
 def unnamed(X, y):
@@ -291,4 +294,4 @@ def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(u[first] - slope * y[first]), float(slope)
 
 
-__all__ = ["Compensator", "LawState", "identified", "unnamed"]
+__all__ = ["Compensator", "LawState", "fitted_regressor", "identified", "unnamed"]

@@ -165,41 +165,107 @@ static int NAME_turns(const double *c, int n, double start, double end,
     return count;
 }
 
-/* shortest move in (start, end] that is a root, NAN if none; then the best move and its residual */
-static double NAME_move(const double *c, int n, double start, double end, double *best, double *size)
+/* whether Horner's rule on the interval [start, end] keeps clear of zero */
+static int NAME_clear(const double *c, int n, double start, double end)
 {
-    double chain[NAME_DEGREE + 1][NAME_DEGREE + 1], cuts[NAME_DEGREE + 3], roots[2], before, after;
-    int i, count;
-    *best = 0.0;
-    *size = INFINITY;
-    if (isinf(end)) end = NAME_bound(c, n);
-    if (n > 0 && start < end) {
-        if (n <= 2) {
-            if (n == 1) { count = c[1] != 0.0; roots[0] = count ? -c[0] / c[1] : 0.0; }
-            else count = NAME_quadratic(c, roots);
-            for (i = 0; i < count; i++)
-                if (start < roots[i] && roots[i] <= end) return roots[i];
-        } else {
-            count = NAME_turns(c, n, start, end, chain, cuts);
-            before = NAME_poly(c, n, cuts[0]);
-            for (i = 1; i < count; i++) {
-                after = NAME_poly(c, n, cuts[i]);
-                if (before * after < 0.0) return NAME_newton(c, chain[1], n, cuts[i - 1], cuts[i], before);
-                if (NAME_zero(c, n, cuts[i], after)) return cuts[i];
-                before = after;
-            }
-        }
+    double low = c[n], high = c[n], size = fabs(c[n]);
+    while (n-- > 0) {
+        low = c[n] + fmin(low * start, low * end);
+        high = c[n] + fmax(high * start, high * end);
+        size = size * end + fabs(c[n]);
     }
-    if (!NAME_NEAREST || end < start) return NAN;
-    *best = start;
-    *size = fabs(NAME_poly(c, n, start));
-    if (n == 0 || !(start < end)) return NAN;
-    count = NAME_turns(c, n, start, end, chain, cuts);
-    for (i = 1; i < count; i++) {
-        after = fabs(NAME_poly(c, n, cuts[i]));
-        if (after < *size) { *best = cuts[i]; *size = after; }
+    return low > GRAZE * size || high < -GRAZE * size;
+}
+
+/* smallest root in (start, end] if a few Newton steps find and prove it, else NAN */
+static double NAME_near(const double *c, int n, double start, double end)
+{
+    double d[NAME_DEGREE + 1], x = start, before, slope;
+    int i;
+    for (i = 0; i < n; i++) d[i] = (i + 1) * c[i + 1];
+    for (i = 0; i < FEW_ITERATIONS; i++) {
+        before = x;
+        slope = NAME_poly(d, n - 1, x);
+        if (slope == 0.0) return NAN;
+        x -= NAME_poly(c, n, x) / slope;
+        if (!(start < x && x <= end)) return NAN;
+        if (fabs(x - before) <= TIGHT * x) return NAME_clear(d, n - 1, start, x) ? x : NAN;
     }
     return NAN;
+}
+
+/* shortest move in (start, end] that is a root, NAN if none */
+static double NAME_move(const double *c, int n, double start, double end)
+{
+    double chain[NAME_DEGREE + 1][NAME_DEGREE + 1], cuts[NAME_DEGREE + 3], roots[2], before, after, root;
+    int i, count;
+    if (n == 0 || !(start < end)) return NAN;
+    if (n <= 2) {
+        if (n == 1) { count = c[1] != 0.0; roots[0] = count ? -c[0] / c[1] : 0.0; }
+        else count = NAME_quadratic(c, roots);
+        for (i = 0; i < count; i++)
+            if (start < roots[i] && roots[i] <= end) return roots[i];
+        return NAN;
+    }
+    root = NAME_near(c, n, start, end);
+    if (!isnan(root)) return root;
+    if (isinf(end)) end = NAME_bound(c, n);
+    if (!(start < end) || NAME_clear(c, n, start, end)) return NAN;
+    count = NAME_turns(c, n, start, end, chain, cuts);
+    before = NAME_poly(c, n, cuts[0]);
+    for (i = 1; i < count; i++) {
+        after = NAME_poly(c, n, cuts[i]);
+        if (before * after < 0.0) return NAME_newton(c, chain[1], n, cuts[i - 1], cuts[i], before);
+        if (NAME_zero(c, n, cuts[i], after)) return cuts[i];
+        before = after;
+    }
+    return NAN;
+}
+
+/* move in [start, end] of the least residual, which is written to size */
+static double NAME_best(const double *c, int n, double start, double end, double *size)
+{
+    double chain[NAME_DEGREE + 1][NAME_DEGREE + 1], cuts[NAME_DEGREE + 3], best = start, value;
+    int i, count;
+    if (isinf(end)) end = NAME_bound(c, n);
+    *size = fabs(NAME_poly(c, n, start));
+    if (n == 0 || !(start < end)) return best;
+    count = NAME_turns(c, n, start, end, chain, cuts);
+    for (i = 1; i < count; i++) {
+        value = fabs(NAME_poly(c, n, cuts[i]));
+        if (value < *size) { best = cuts[i]; *size = value; }
+    }
+    return best;
+}
+
+static double NAME_nearest_root(const double *up, const double *down, double previous, int *found)
+{
+    const double *c[2];
+    double start[2], end[2], m = previous, shortest = INFINITY, least = INFINITY, move, size;
+    int n[2], turn, side, likely = !(up[0] * up[1] <= 0.0);
+    c[0] = up;
+    c[1] = down;
+    start[0] = fmax(NAME_LOW - previous, 0.0);
+    end[0] = NAME_HIGH - previous;
+    start[1] = fmax(previous - NAME_HIGH, 0.0);
+    end[1] = previous - NAME_LOW;
+    for (turn = 0; turn < 2; turn++) {
+        side = turn ? 1 - likely : likely;
+        for (n[side] = NAME_DEGREE; n[side] > 0 && c[side][n[side]] == 0.0; n[side]--) ;
+        move = NAME_move(c[side], n[side], start[side], fmin(end[side], shortest));
+        if (move < shortest || (move == shortest && side == 0)) {
+            shortest = move;
+            m = side ? previous - move : previous + move;
+        }
+    }
+    *found = shortest < INFINITY;
+    if (*found || !NAME_NEAREST) return m;
+    for (side = 0; side < 2; side++)
+        if (start[side] <= end[side]) {
+            move = NAME_best(c[side], n[side], start[side], end[side], &size);
+            if (size < least) { least = size; m = side ? previous - move : previous + move; }
+        }
+    return m;
 }
 """
 

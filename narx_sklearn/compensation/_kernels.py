@@ -9,14 +9,20 @@ reference; the input to be found, m[k], stands ``horizon`` rows before::
 
 A law and its state travel packed in three flat arrays: calling a compiled function with a tuple of twenty
 arrays costs six microseconds, with three arrays half of one.
+
+Functions of the user's come as one ``functions(window, base)``, which writes all their values at the row that
+begins at ``base``. `advance`, `run` and `slopes_along` are compiled without any; `with_functions` gives the
+same three for laws that have some.
 """
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from narx_sklearn.compensation._polynomial_roots import first_root, root_bound, smallest_value
+from narx_sklearn.compensation._polynomial_roots import first_root, smallest_value
 from narx_sklearn.model.kernels import ASYMMETRIC_SIGN, STATE_SIZE, Program, phi_value, right_hand_side
 from narx_sklearn.model.operators import sign
 from narx_sklearn.physics.boucwen import SHORTEST_SHARE, _bouc_wen_step, _is_too_long
@@ -24,7 +30,9 @@ from narx_sklearn.physics.boucwen import SHORTEST_SHARE, _bouc_wen_step, _is_too
 EXPLICIT, ROOTS, SEARCH = range(3)  # how a law finds its input
 HOLD, NEAREST = range(2)  # what it does where no input satisfies it
 LAST_WITHOUT_MEMORY = ASYMMETRIC_SIGN  # kinds of phi regressors up to this one remember nothing
-BOUC_WEN = 100  # an element beyond the kinds of phi regressors: its parameters are A, beta, gamma, n
+# Elements beyond the kinds of phi regressors: Bouc-Wen with parameters A, beta, gamma, n; a user's function.
+BOUC_WEN, FUNCTION = 100, 101
+OF_KNOWN, OF_INPUT, OF_FUNCTION = range(3)  # what an element is of, and so when its value can be had
 N_COUNTS = 4
 SAMPLES, NO_SOLUTION, AT_LIMIT, AT_RATE = range(N_COUNTS)
 # The search goes outwards from the last input; a step that grows by this factor resolves near and far alike.
@@ -51,7 +59,7 @@ class Law(NamedTuple):
     kinds: np.ndarray  # (n_elements,)
     sources: np.ndarray
     channels: np.ndarray
-    of_input: np.ndarray  # 1 for elements of m, 0 for those of known signals
+    of: np.ndarray  # OF_KNOWN, OF_INPUT or OF_FUNCTION
     parameters: np.ndarray  # (n_elements, width)
 
 
@@ -63,7 +71,7 @@ class State(NamedTuple):
     counts: np.ndarray  # (N_COUNTS,)
     trial: np.ndarray  # (STATE_SIZE,)
     chain: np.ndarray  # (degree + 1, degree + 1)
-    work: np.ndarray  # (2, degree + 3)
+    work: np.ndarray  # (4, degree + 3): cuts, found cuts, coefficients up and down
 
 
 @njit(nogil=True, inline="always")
@@ -113,7 +121,7 @@ def state_size(integers):
     degree = integers[5]
     n_elements = integers[12]
     window = integers[0] * integers[1]
-    return window + (n_elements + 1) * STATE_SIZE + N_COUNTS + (degree + 1) ** 2 + 2 * (degree + 3)
+    return window + (n_elements + 1) * STATE_SIZE + N_COUNTS + (degree + 1) ** 2 + 4 * (degree + 3)
 
 
 @njit(nogil=True, inline="always")
@@ -131,7 +139,7 @@ def unpack_state(integers, state):
         state[b:c],
         state[c:d],
         state[d:e].reshape(degree + 1, degree + 1),
-        state[e : e + 2 * (degree + 3)].reshape(2, degree + 3),
+        state[e : e + 4 * (degree + 3)].reshape(4, degree + 3),
     )
 
 
@@ -160,11 +168,11 @@ def element_value(kind, parameters, now, previous, state):
 
 
 @njit(nogil=True, inline="always")
-def _set_elements(law, state, row, of_input):
+def _set_elements(law, state, row, of):
     """Advance the elements of the input, or of the known signals, to the window's row ``row``."""
     base = row * law.n_channels
     for p in range(law.kinds.size):
-        if law.of_input[p] == of_input:
+        if law.of[p] == of:
             now = state.window[base + law.sources[p]]
             previous = state.window[base - law.n_channels + law.sources[p]]
             state.window[base + law.channels[p]] = element_value(
@@ -173,13 +181,21 @@ def _set_elements(law, state, row, of_input):
 
 
 @njit(cache=True, nogil=True)
-def _residual(law, state, m):
+def _call(functions, window, base):
+    """Write the values of the user's functions at one row; None stands for none and costs nothing."""
+    if functions is not None:
+        functions(window, base)
+
+
+@njit(cache=True, nogil=True)
+def _residual(functions, law, state, m):
     """Return what the model gives for the input ``m`` less the reference; element states stay."""
     row = law.n_rows - 1 - law.horizon
     base = row * law.n_channels
     state.window[base] = m
+    _call(functions, state.window, base)
     for p in range(law.kinds.size):
-        if law.of_input[p] == 1:
+        if law.of[p] == OF_INPUT:
             state.trial[:] = state.elements[p]
             previous = state.window[base - law.n_channels + law.sources[p]]
             state.window[base + law.channels[p]] = element_value(
@@ -189,16 +205,16 @@ def _residual(law, state, m):
 
 
 @njit(cache=True, nogil=True)
-def _bisect(law, state, a, b, value_a):
+def _bisect(functions, law, state, a, b, value_a):
     """Return the input in [a, b] at which the residual changes sign (regula falsi of Illinois, bisection)."""
-    value_b = _residual(law, state, b)
+    value_b = _residual(functions, law, state, b)
     for i in range(200):
         m = b - value_b * (b - a) / (value_b - value_a) if i % 3 else 0.5 * (a + b)
         if not min(a, b) < m < max(a, b):
             m = 0.5 * (a + b)
         if m in (a, b) or abs(b - a) <= 1e-15 * (abs(a) + abs(b)):
             return m
-        value = _residual(law, state, m)
+        value = _residual(functions, law, state, m)
         if value == 0.0:
             return m
         if (value > 0.0) == (value_a > 0.0):
@@ -209,7 +225,7 @@ def _bisect(law, state, a, b, value_a):
 
 
 @njit(cache=True, nogil=True)
-def _search(law, state, previous):
+def _search(functions, law, state, previous):
     """Return the input nearest to the last one at which the residual is zero, and whether there is one.
 
     Steps go outwards on both sides and grow, so a pair of roots closer than a third of their distance from
@@ -217,7 +233,7 @@ def _search(law, state, previous):
     """
     span = law.high - law.low
     inside = min(max(previous, law.low), law.high)
-    at_rest = _residual(law, state, inside)
+    at_rest = _residual(functions, law, state, inside)
     if at_rest == 0.0:
         return inside, True
     best, least = inside, abs(at_rest)
@@ -227,17 +243,17 @@ def _search(law, state, previous):
     while below > law.low or above < law.high:
         if above < law.high:
             m = min(inside + step, law.high)
-            value = _residual(law, state, m)
+            value = _residual(functions, law, state, m)
             if (value > 0.0) != (value_above > 0.0) or value == 0.0:
-                return _bisect(law, state, above, m, value_above), True
+                return _bisect(functions, law, state, above, m, value_above), True
             above, value_above = m, value
             if abs(value) < least:
                 best, least = m, abs(value)
         if below > law.low:
             m = max(inside - step, law.low)
-            value = _residual(law, state, m)
+            value = _residual(functions, law, state, m)
             if (value > 0.0) != (value_below > 0.0) or value == 0.0:
-                return _bisect(law, state, below, m, value_below), True
+                return _bisect(functions, law, state, below, m, value_below), True
             below, value_below = m, value
             if abs(value) < least:
                 best, least = m, abs(value)
@@ -259,44 +275,49 @@ def _coefficients(window, base, program, first, degree, flip, c):
 
 
 @njit(cache=True, nogil=True)
-def _move_one_way(c, degree, start, end, wants_best, chain, work):
-    """Return the shortest admissible move that is a root, NaN if none; and the best move and its residual."""
-    if not np.isfinite(end):
-        end = root_bound(c, degree)
-    root = first_root(c, degree, start, end, chain, work)
-    if root == root or not wants_best or end < start:
-        return root, 0.0, np.inf
-    best, size = smallest_value(c, degree, start, end, chain, work)
-    return np.nan, best, size
-
-
-@njit(cache=True, nogil=True)
 def _nearest_root(law, state, previous):
     """Return the input of Definition 4.1 or 4.2, and whether a root was admissible.
 
-    Moves down are found as moves up of the mirrored polynomial.
+    Moves down are found as moves up of the mirrored polynomial. The side to which Newton's first step points
+    comes first: its root bounds the search on the other.
     """
     base = (law.n_rows - 1) * law.n_channels
-    c = state.chain[law.degree]  # derivatives fill the rows before it
-    m, found, shortest, least = previous, False, np.inf, np.inf
-    for side in range(2):  # loading, unloading
-        flip = 1.0 - 2.0 * side
-        first = side * (law.n_regimes - 1) * (law.degree + 1)
-        n = _coefficients(state.window, base, law.program, first, law.degree, flip, c)
-        if law.n_regimes == 1 and c[0] == 0.0 and law.low <= previous <= law.high:
-            return previous, True
-        low, high = (law.low - previous, law.high - previous) if side == 0 else (
-            previous - law.high, previous - law.low
-        )  # fmt: skip
-        # a move down that is longer than the move up would not be taken
-        move, best, size = _move_one_way(
-            c, n, max(low, 0.0), min(high, shortest), law.policy == NEAREST, state.chain, state.work
-        )
-        if move == move and (move < shortest or not found):
-            m, found, shortest = previous + flip * move, True, move
-        elif not found and size < least:
-            m, least = previous + flip * best, size
-    return m, found
+    up, down = state.work[2], state.work[3]
+    n_up = _coefficients(state.window, base, law.program, 0, law.degree, 1.0, up)
+    second = (law.n_regimes - 1) * (law.degree + 1)
+    n_down = _coefficients(state.window, base, law.program, second, law.degree, -1.0, down)
+    if law.n_regimes == 1 and up[0] == 0.0 and law.low <= previous <= law.high:
+        return previous, True
+    m, shortest = previous, np.inf
+    likely = 0 if up[0] * up[1] <= 0.0 else 1
+    for side in (likely, 1 - likely):  # 0 is loading, 1 unloading
+        start, end = _moves(law, previous, side)
+        # a move that is longer than the one found would not be taken; of two alike the one up is
+        end = min(end, shortest)
+        c, n, sense = (up, n_up, 1.0) if side == 0 else (down, n_down, -1.0)
+        move = first_root(c, n, start, end, state.chain, state.work)
+        if move < shortest or (move == shortest and side == 0):
+            m, shortest = previous + sense * move, move
+    if shortest < np.inf:
+        return m, True
+    if law.policy == NEAREST:
+        least = np.inf
+        for side in range(2):
+            start, end = _moves(law, previous, side)
+            c, n, sense = (up, n_up, 1.0) if side == 0 else (down, n_down, -1.0)
+            if start <= end:
+                move, size = smallest_value(c, n, start, end, state.chain, state.work)
+                if size < least:
+                    m, least = previous + sense * move, size
+    return m, False
+
+
+@njit(nogil=True, inline="always")
+def _moves(law, previous, side):
+    """Return the shortest and the longest move up (side 0) or down (1) into the limits."""
+    if side == 0:
+        return max(law.low - previous, 0.0), law.high - previous
+    return max(previous - law.high, 0.0), previous - law.low
 
 
 @njit(nogil=True, inline="always")
@@ -310,31 +331,29 @@ def _is_at_rest(law, window):
 
 
 @njit(cache=True, nogil=True)
-def advance(integers, numbers, packed_state, known):
-    """Take the newest row of known signals (reference first), return the input m[k].
-
-    ``packed_state`` is written; law and state are those of `unpack_law` and `unpack_state`.
-    """
-    law = unpack_law(integers, numbers)
-    state = unpack_state(integers, packed_state)
+def _advance(functions, law, state, known):
+    """Take the newest row of known signals (reference first), return the input m[k]; ``state`` is written."""
     nc, window = law.n_channels, state.window
     size = law.n_rows * nc
     for i in range(size - nc):
         window[i] = window[i + nc]
     for i in range(known.size):
         window[size - nc + 1 + i] = known[i]
-    _set_elements(law, state, law.n_rows - 1, 0)
+    _set_elements(law, state, law.n_rows - 1, OF_KNOWN)
     row = law.n_rows - 1 - law.horizon
     previous = window[(row - 1) * nc]
     state.counts[SAMPLES] += 1.0
+    if law.method != SEARCH:
+        _call(functions, window, row * nc)  # they do not read m[k]
     if law.keeps_rest == 1 and _is_at_rest(law, window):
         m = previous
     elif law.method == EXPLICIT:
         m = right_hand_side(window, size - nc, law.program, 0)
     else:
-        m, found = (
-            _nearest_root(law, state, previous) if law.method == ROOTS else _search(law, state, previous)
-        )
+        if law.method == ROOTS:
+            m, found = _nearest_root(law, state, previous)
+        else:
+            m, found = _search(functions, law, state, previous)
         if not found:
             state.counts[NO_SOLUTION] += 1.0
             if law.policy == HOLD:
@@ -349,15 +368,24 @@ def advance(integers, numbers, packed_state, known):
     if m != limited:
         state.counts[AT_RATE] += 1.0
     window[row * nc] = m
-    _set_elements(law, state, row, 1)
+    _set_elements(law, state, row, OF_INPUT)
+    if law.method == SEARCH:
+        _call(functions, window, row * nc)
     return m
+
+
+@njit(cache=True, nogil=True)
+def advance(integers, numbers, state, known):
+    """Take the newest row of known signals (reference first), return the input m[k]; ``state`` is written."""
+    return _advance(None, unpack_law(integers, numbers), unpack_state(integers, state), known)
 
 
 @njit(cache=True, nogil=True)
 def run(integers, numbers, state, known, m):
     """Compute a whole reference: row i of ``known``, shape (n_samples, n_known), gives ``m[i]``."""
+    law, parts = unpack_law(integers, numbers), unpack_state(integers, state)
     for i in range(m.size):
-        m[i] = advance(integers, numbers, state, known[i])
+        m[i] = _advance(None, law, parts, known[i])
 
 
 @njit(cache=True, nogil=True)
@@ -375,13 +403,13 @@ def settle(integers, numbers, state, known, inputs):
             parts.window[i] = parts.window[i + nc]
         for i in range(known.shape[1]):
             parts.window[size - nc + 1 + i] = known[k, i]
-        _set_elements(law, parts, law.n_rows - 1, 0)
+        _set_elements(law, parts, law.n_rows - 1, OF_KNOWN)
         parts.window[row * nc] = inputs[k]
-        _set_elements(law, parts, row, 1)
+        _set_elements(law, parts, row, OF_INPUT)
 
 
-@njit(cache=True, nogil=True)
-def slopes_along(integers, numbers, unlimited, state, known, step, every, slopes):
+@njit(nogil=True, inline="always")
+def _slopes_along(functions, integers, numbers, unlimited, state, known, step, every, slopes):
     """Write the derivatives of m[k] with respect to the past inputs, row by row of a run.
 
     Past inputs are moved by ``step`` to both sides and elements follow: those without memory wherever they
@@ -389,37 +417,37 @@ def slopes_along(integers, numbers, unlimited, state, known, step, every, slopes
     ``every``-th sample and one column for each past input, newest first. The derivatives are those of the
     law with the numbers ``unlimited``, along the run of the law with its limits.
     """
-    law = unpack_law(integers, numbers)
+    law, free = unpack_law(integers, numbers), unpack_law(integers, unlimited)
     parts = unpack_state(integers, state)
     spare = state.copy()
     n_past = slopes.shape[1]
     for k in range(known.shape[0]):
-        row = k // every if k % every == 0 else slopes.shape[0]
+        n_trials = 2 * n_past if k % every == 0 and k // every < slopes.shape[0] else 0
         spare[:] = state
         # two trials for each past input, then the sample itself: one call, which the compiler pastes in once
-        for trial in range(2 * n_past + 1 if row < slopes.shape[0] else 1):
-            j = trial // 2
-            side = step if trial % 2 == 0 else -step
+        for trial in range(n_trials + 1):
             state[:] = spare
-            if row < slopes.shape[0] and j < n_past:
-                _move_past_input(law, parts, j, side)
-            counts = row < slopes.shape[0] and j < n_past
-            m = advance(integers, unlimited if counts else numbers, state, known[k])
-            if row < slopes.shape[0] and j < n_past:
-                before = slopes[row, j] if trial % 2 else 0.0
-                slopes[row, j] = before + m / (2.0 * side)
+            side = step if trial % 2 == 0 else -step
+            if trial < n_trials:
+                _move_past_input(functions, law, parts, trial // 2, side)
+            m = _advance(functions, free if trial < n_trials else law, parts, known[k])
+            if trial < n_trials:
+                before = slopes[k // every, trial // 2] if trial % 2 else 0.0
+                slopes[k // every, trial // 2] = before + m / (2.0 * side)
 
 
 @njit(cache=True, nogil=True)
-def _move_past_input(law, state, j, step):
+def _move_past_input(functions, law, state, j, step):
     """Change the input ``j`` rows before the last one by ``step``, before the window moves on."""
     nc, window = law.n_channels, state.window
     row = law.n_rows - 1 - law.horizon
     at = (row - j) * nc
     before = window[at]
     window[at] += step
+    for here in range(at, row * nc + 1, nc):
+        _call(functions, window, here)
     for p in range(law.kinds.size):
-        if law.of_input[p] == 0:
+        if law.of[p] != OF_INPUT:
             continue
         if law.kinds[p] > LAST_WITHOUT_MEMORY:
             if j == 0:
@@ -432,3 +460,45 @@ def _move_past_input(law, state, j, step):
                 window[here + law.channels[p]] = element_value(
                     law.kinds[p], law.parameters[p], window[here], window[here - nc], state.trial
                 )
+
+
+@njit(cache=True, nogil=True)
+def slopes_along(integers, numbers, unlimited, state, known, step, every, slopes):
+    """Write the derivatives of m[k] with respect to the past inputs; see `_slopes_along`."""
+    _slopes_along(None, integers, numbers, unlimited, state, known, step, every, slopes)
+
+
+INTEGERS, VECTOR = types.Array(types.int64, 1, "C"), types.Array(types.float64, 1, "C")
+MATRIX = types.Array(types.float64, 2, "C")
+FUNCTIONS = types.void(VECTOR, types.int64)
+"""Signature of a law's ``functions(window, base)``."""
+
+
+class WithFunctions(NamedTuple):
+    """The kernels of laws with functions of the user's; their first argument is ``functions``."""
+
+    advance: Callable
+    run: Callable
+    slopes_along: Callable
+
+
+@lru_cache(maxsize=1)
+def with_functions() -> WithFunctions:
+    """Return the kernels, compiled at the first call for one signature that serves any ``functions``."""
+    packed = (types.FunctionType(FUNCTIONS), INTEGERS, VECTOR, VECTOR)
+
+    @njit(types.float64(*packed, VECTOR), cache=True, nogil=True)
+    def advance_with(functions, integers, numbers, state, known):
+        return _advance(functions, unpack_law(integers, numbers), unpack_state(integers, state), known)
+
+    @njit(types.void(*packed, MATRIX, VECTOR), cache=True, nogil=True)
+    def run_with(functions, integers, numbers, state, known, m):
+        law, parts = unpack_law(integers, numbers), unpack_state(integers, state)
+        for i in range(m.size):
+            m[i] = _advance(functions, law, parts, known[i])
+
+    @njit(types.void(*packed, VECTOR, MATRIX, types.float64, types.int64, MATRIX), cache=True, nogil=True)
+    def slopes_with(functions, integers, numbers, unlimited, state, known, step, every, slopes):
+        _slopes_along(functions, integers, numbers, unlimited, state, known, step, every, slopes)
+
+    return WithFunctions(advance_with, run_with, slopes_with)

@@ -5,6 +5,9 @@ in the move d = m[k] - m[k-1], and [start, end] is cut where its derivatives cha
 down: between two cuts each of them is monotone and one safeguarded Newton iteration finds its only root. A
 quadratic derivative is solved in closed form. Unlike Cardano's formula this loses nothing where the leading
 coefficient nearly vanishes, finds double roots as the cuts they are, and holds for any degree.
+
+Most moves are short, and the cuts are then not needed: interval arithmetic shows that the polynomial has no
+root in the interval, or that it is monotone as far as the root at which Newton's iteration arrives.
 """
 
 import numpy as np
@@ -13,6 +16,7 @@ from numba import njit
 GRAZE = 64.0 * np.finfo(float).eps  # what rounding leaves of a double root, relative to the sum of the terms
 TIGHT = 4.0 * np.finfo(float).eps
 MAX_ITERATIONS = 200  # bisection alone ends a double's exponent range and digits within this
+FEW_ITERATIONS = 12  # from the last input Newton's iteration arrives within these, or starts from too far
 WIDEST = 1e15  # end of an interval without limit when not even the coefficients bound the roots
 
 
@@ -169,10 +173,49 @@ def critical_points(c, degree, start, end, chain, work):
 
 
 @njit(cache=True, nogil=True)
+def _has_no_zero(c, degree, start, end):
+    """Tell whether Horner's rule on the interval [start, end], start >= 0, keeps clear of zero.
+
+    False says nothing: the interval is an outer bound of the polynomial's values.
+    """
+    low = high = c[degree]
+    size = abs(c[degree])
+    for i in range(degree - 1, -1, -1):
+        low = c[i] + min(low * start, low * end)
+        high = c[i] + max(high * start, high * end)
+        size = size * end + abs(c[i])
+    return low > GRAZE * size or high < -GRAZE * size
+
+
+@njit(cache=True, nogil=True)
+def near_root(c, degree, start, end, slopes):
+    """Return the smallest root in (start, end] where a few Newton steps from ``start`` find and prove it.
+
+    The root is the smallest because the derivative has no zero before it. NaN says nothing. Arguments as for
+    `critical_points`, but ``start`` is at least 0, and ``slopes``, shape (degree + 1,), is written.
+    """
+    for i in range(degree):
+        slopes[i] = (i + 1) * c[i + 1]
+    x = start
+    for _ in range(FEW_ITERATIONS):
+        before = x
+        slope = evaluate(slopes, degree - 1, x)
+        if slope == 0.0:
+            return np.nan
+        x -= evaluate(c, degree, x) / slope
+        if not start < x <= end:
+            return np.nan
+        if abs(x - before) <= TIGHT * x:
+            return x if _has_no_zero(slopes, degree - 1, start, x) else np.nan
+    return np.nan
+
+
+@njit(cache=True, nogil=True)
 def first_root(c, degree, start, end, chain, work):
     """Return the smallest root in (start, end], NaN if there is none; start itself does not count.
 
-    Arguments as for `critical_points`; degree 0 has no root.
+    Arguments as for `critical_points`, but ``start`` is at least 0 and ``end`` may be infinite; degree 0 has
+    no root.
     """
     if degree == 0 or not start < end:
         return np.nan
@@ -184,6 +227,12 @@ def first_root(c, degree, start, end, chain, work):
         for i in range(n_roots):
             if start < work[1, i] <= end:
                 return work[1, i]
+        return np.nan
+    root = near_root(c, degree, start, end, chain[1])
+    if root == root:
+        return root
+    end = root_bound(c, degree) if np.isinf(end) else end
+    if not start < end or _has_no_zero(c, degree, start, end):
         return np.nan
     n = critical_points(c, degree, start, end, chain, work)
     before = evaluate(c, degree, work[0, 0])
@@ -201,8 +250,9 @@ def first_root(c, degree, start, end, chain, work):
 def smallest_value(c, degree, start, end, chain, work):
     """Return the point of [start, end] at which the polynomial is nearest to zero, and its size there.
 
-    For a polynomial without a root in the interval; arguments as for `critical_points`.
+    For a polynomial without a root in the interval; arguments as for `first_root`.
     """
+    end = root_bound(c, degree) if np.isinf(end) else end
     best, least = start, abs(evaluate(c, degree, start))
     if degree == 0 or not start < end:
         return best, least

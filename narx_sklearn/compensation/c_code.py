@@ -7,7 +7,7 @@ import numpy as np
 from narx_sklearn.compensation import _c_runtime as runtime
 from narx_sklearn.compensation import _kernels as kernels
 from narx_sklearn.compensation import _polynomial_roots as roots
-from narx_sklearn.compensation.law import INPUT, CompensationLaw
+from narx_sklearn.compensation.law import INPUT, CompensationLaw, FunctionElement
 from narx_sklearn.model.kernels import (
     ABSOLUTE_DIFFERENCE,
     ASYMMETRIC_SIGN,
@@ -30,7 +30,8 @@ def c_source(law: CompensationLaw, name: str = "compensator") -> str:
     The program part allocates nothing, needs ``math.h`` only, and computes the numbers of `LawState.step`:
     the same operations on double precision, in the same order but for sums of terms. The longest time of
     one step is that of one pass through its straight code; where roots are sought or searched, the
-    iterations are bounded.
+    iterations are bounded. Functions of the user's are declared as ``<name>_user_<phi>``, for the user to
+    write in C.
 
     Parameters
     ----------
@@ -71,6 +72,7 @@ class _Writer:
         self.rows = law._back + 1
         self.present = self.rows - 1 - law.horizon
         self.macro = {signal: _macro(signal) for signal in law.channels}
+        self.functions_of_user = [e for e in law.elements if isinstance(e, FunctionElement)]
 
     def header(self) -> str:
         law = self.law
@@ -103,6 +105,7 @@ class _Writer:
             "GRAZE": roots.GRAZE,
             "TIGHT": roots.TIGHT,
             "WIDEST": roots.WIDEST,
+            "FEW_ITERATIONS": roots.FEW_ITERATIONS,
             "LONGEST_STEP": LONGEST_STEP,
             "SHORTEST_SHARE": SHORTEST_SHARE,
         }
@@ -137,22 +140,35 @@ class _Writer:
             return f"NAME_hysteretic({state}, {now})"
         return f"({state}[0] = NAME_bouc_wen({state}[0], {difference}, NAME_p{index}))"
 
-    def _set(self, of_input: bool, back: int, indent: str = "    ", state: str = "s->z[{p}]") -> list[str]:
+    def _set(self, of_input: bool, back: int) -> list[str]:
+        """Return the lines that advance the elements of the input, or of the known signals, at one row."""
         lines = []
         for p, element in enumerate(self.law.elements):
-            if (element.signal == INPUT) == of_input:
+            if not isinstance(element, FunctionElement) and (element.signal == INPUT) == of_input:
                 source, target = self.macro[element.signal], self.macro[str(element.name)]
-                value = self._value(p, f"{source}({back})", f"{source}({back + 1})", state.format(p=p))
-                lines.append(f"{indent}{target}({back}) = {value};")
+                value = self._value(p, f"{source}({back})", f"{source}({back + 1})", f"s->z[{p}]")
+                lines.append(f"    {target}({back}) = {value};")
+        return lines
+
+    def _call_functions(self) -> list[str]:
+        """Return the lines that write the values of the user's functions at the row of m[k]."""
+        h = self.law.horizon
+        lines = []
+        for element in self.functions_of_user:
+            arguments = ", ".join(f"{self.macro[v.signal]}({v.lag + h})" for v in element.of)
+            lines.append(f"    {self.macro[element.name]}({h}) = NAME_user_{element.name}({arguments});")
         return lines
 
     def elements(self) -> str:
-        arrays = [
+        lines = [
             f"static const double NAME_p{i}[] = {{{', '.join(map(_number, e.kernel_parameters))}}};"
             for i, e in enumerate(self.law.elements)
             if e.kind == kernels.BOUC_WEN
         ]
-        return "\n".join(arrays) + "\n" if arrays else ""
+        for e in self.functions_of_user:
+            arguments = ", ".join(["double"] * len(e.of))
+            lines.append(f"double NAME_user_{e.name}({arguments}); /* yours: {e.describe()} */")
+        return "\n".join(lines) + "\n" if lines else ""
 
     def expression(self, equation: Polynomial) -> str:
         """Return a polynomial as an expression of the window's macros."""
@@ -180,8 +196,9 @@ class _Writer:
             lines = ["static double NAME_residual(NAME_state *s, double m)", "{"]
             lines += ["    double z[NAME_STATE];", "    int i;"] if memory else []
             lines.append(f"    {self.macro[INPUT]}({at}) = m;")
+            lines += self._call_functions()
             for p, element in enumerate(law.elements):
-                if element.signal == INPUT:
+                if not isinstance(element, FunctionElement) and element.signal == INPUT:
                     if element.has_memory:
                         lines.append(f"    for (i = 0; i < NAME_STATE; i++) z[i] = s->z[{p}][i];")
                     target = self.macro[str(element.name)]
@@ -197,36 +214,18 @@ class _Writer:
         law = self.law
         n = law.degree + 1
         lines = ["static double NAME_solve(NAME_state *s, double previous, int *found)", "{"]
-        lines.append("    double up, down, best_up, best_down, size_up, size_down, c[NAME_DEGREE + 1];")
-        lines += ["    int n;", "    *found = 1;"]
-        lines += [f"    c[{i}] = {self.expression(law.equations[i])};" for i in range(n)]
-        if law.n_regimes == 1:
-            lines.append(
-                "    if (c[0] == 0.0 && NAME_LOW <= previous && previous <= NAME_HIGH) return previous;"
-            )
-        lines.append(f"    n = {law.degree};")
-        lines.append("    while (n > 0 && c[n] == 0.0) n--;")
-        lines.append(
-            "    down = fmax(NAME_LOW - previous, 0.0);\n"
-            "    up = NAME_move(c, n, down, NAME_HIGH - previous, &best_up, &size_up);"
-        )
+        lines.append("    double up[NAME_DEGREE + 1], down[NAME_DEGREE + 1];")
+        for i in range(n):
+            lines.append(f"    up[{i}] = {self.expression(law.equations[i])};")
         for i in range(n):
             text = self.expression(law.equations[(law.n_regimes - 1) * n + i])
-            lines.append(f"    c[{i}] = {'-(' + text + ')' if i % 2 else text};")
-        lines.append(f"    n = {law.degree};")
-        lines += [
-            "    while (n > 0 && c[n] == 0.0) n--;",
-            "    down = previous - NAME_LOW;",
-            "    if (up < down) down = up;",
-            "    down = NAME_move(c, n, fmax(previous - NAME_HIGH, 0.0), down, &best_down, &size_down);",
-            "    if (!isnan(up) && !(down < up)) return previous + up;",
-            "    if (!isnan(down)) return previous - down;",
-            "    *found = 0;",
-            "    if (size_up < size_down) return previous + best_up;",
-            "    return isinf(size_down) ? previous : previous - best_down;",
-            "}",
-            "",
-        ]
+            lines.append(f"    down[{i}] = {'-(' + text + ')' if i % 2 else text};")
+        if law.n_regimes == 1:
+            lines += [
+                "    *found = 1;",
+                "    if (up[0] == 0.0 && NAME_LOW <= previous && previous <= NAME_HIGH) return previous;",
+            ]
+        lines += ["    return NAME_nearest_root(up, down, previous, found);", "}", ""]
         return "\n".join(lines)
 
     def step(self) -> str:
@@ -249,6 +248,7 @@ class _Writer:
             "        for (j = 0; j < NAME_CHANNELS; j++) s->w[i][j] = s->w[i + 1][j];",
             *(f"    {self.macro[s]}(0) = known{i};" for i, s in enumerate(law.known)),
             *self._set(False, 0),
+            *([] if law.method == "search" else self._call_functions()),
             f"    previous = {m}({h + 1});",
             "    s->samples++;",
             f"{rest}    m = NAME_solve(s, previous, &found);",
@@ -260,6 +260,7 @@ class _Writer:
             "    if (m != limited) s->at_rate_limit++;",
             f"    {m}({h}) = m;",
             *self._set(True, h),
+            *(self._call_functions() if law.method == "search" else []),
             "    return m;",
             "}",
             "",
@@ -276,6 +277,8 @@ class _Writer:
             "        for (j = 0; j < NAME_STATE; j++) s->z[i][j] = 0.0;",
         ]
         for p, element in enumerate(law.elements):
+            if isinstance(element, FunctionElement):
+                continue
             initial = law.initial_states.get(str(element.name))
             if initial is not None:
                 lines.append(f"    s->z[{p}][0] = {_number(initial)};")
@@ -283,6 +286,10 @@ class _Writer:
             value = self._value(p, f"{source}(0)", f"{source}(0)", f"s->z[{p}]")
             lines.append(f"    {target}(0) = {value};")
             lines.append(f"    for (i = 1; i < NAME_ROWS; i++) {target}(i) = {target}(0);")
+        lines += self._call_functions()
+        for element in self.functions_of_user:
+            target = self.macro[element.name]
+            lines.append(f"    for (i = 0; i < NAME_ROWS; i++) {target}(i) = {target}({h});")
         lines += ["    s->samples = s->no_solution = s->at_limit = s->at_rate_limit = 0;", "}", ""]
         lines += [f"#undef {macro}" for macro in self.macro.values()]
         return "\n".join(lines) + "\n"
@@ -308,5 +315,5 @@ def _horner(coefficients: list[str], x: str) -> str:
 
 def _fill(text: str, constants: dict[str, float]) -> str:
     for key, value in constants.items():
-        text = re.sub(rf"\b{key}\b", _number(value), text)
+        text = re.sub(rf"\b{key}\b", str(value) if isinstance(value, int) else _number(value), text)
     return text

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw
+from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw, FunctionElement
 from narx_sklearn.model.narx import NARXModel, replace_name
 from narx_sklearn.model.phi import DifferenceSign, FunctionPhi, Phi, SmoothSign
 from narx_sklearn.model.polynomials import Polynomial
@@ -12,6 +12,7 @@ from narx_sklearn.model.terms import Term, Variable
 
 __all__ = ["inverse_law", "isolated_law", "root_law", "root_polynomials", "smooth_signs"]
 
+Element = Phi | FunctionElement
 NOW = Variable(INPUT, 0)
 BEFORE = Variable(INPUT, 1)
 
@@ -26,7 +27,7 @@ class Redirected:
         The right-hand side.
     target : Variable
         What it gives.
-    elements : tuple of Phi
+    elements : tuple of Phi or FunctionElement
         Its phi regressors.
     others : tuple of str
         Its other inputs.
@@ -36,12 +37,12 @@ class Redirected:
 
     side: Polynomial
     target: Variable
-    elements: tuple[Phi, ...]
+    elements: tuple[Element, ...]
     others: tuple[str, ...]
     rests: bool
 
     @property
-    def unknown(self) -> dict[str, Phi]:
+    def unknown(self) -> dict[str, Element]:
         """Elements of the wanted input m[k], by name."""
         at_present = {v.signal for v in self.side.variables if v.lag == 0}
         return {str(e.name): e for e in self.elements if e.signal == INPUT and e.name in at_present}
@@ -84,23 +85,25 @@ def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
     Raises
     ------
     ValueError
-        If the model has several outputs, the input is not one of its inputs or does not occur, another name
-        is ``m`` or ``r``, or a user's function takes the input.
+        If the model has several outputs, the input is not one of its inputs or does not occur, or another
+        name is ``m`` or ``r``.
     """
     model, name, output = _readable(model, input_name)
     renamed = _renamer({output: REFERENCE, name: INPUT})
-    elements = tuple(_rename_phi(p, renamed) for p in model.phi if p.name in model.library.signals)
-    of_input = {str(p.name) for p in elements if p.signal == INPUT}
     side = _rename(model.equation(), renamed)
-    lags = [v.lag for v in side.variables if v.signal == INPUT or v.signal in of_input]
+    used = [p for p in model.phi if p.name in model.library.signals]
+    newest = {p.name: min(v.lag for v in side.variables if v.signal == p.name) for p in used}
+    lags = [v.lag for v in side.variables if v.signal == INPUT]
+    lags += [newest[p.name] + v.lag for p in used for v in p.arguments if v.signal == name]
     if not lags:
         raise ValueError(
             f"The model does not depend on the input {name!r}, so no input can drive it to a reference. "
             f"Its equation is: {model.equation()}."
         )
     delay = min(lags)
+    elements = tuple(_element(p, renamed, newest[p.name] - delay) for p in used)
     return Redirected(
-        side.shift(-delay),
+        _from_newest(side.shift(-delay), elements),
         Variable(REFERENCE, -delay),
         elements,
         tuple(s for s in model.inputs if s != name),
@@ -149,7 +152,11 @@ def root_polynomials(
     redirected = redirect(model, input_name)
     regimes = _regimes(redirected)
     if regimes is None:
-        names = [str(e.describe()) for e in redirected.unknown.values() if not _is_polynomial(e)]
+        names = [
+            str(e.describe())
+            for e in redirected.unknown.values()
+            if not (isinstance(e, Phi) and _is_polynomial(e))
+        ]
         raise ValueError(
             f"{', '.join(names)} of the wanted input is no polynomial in loading and unloading; "
             "RootCompensator searches the root of such a model."
@@ -287,18 +294,21 @@ def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
     """
     model, name, output = _readable(model, None)
     renamed = _renamer({output: INPUT, name: REFERENCE})
-    elements = tuple(_rename_phi(p, renamed) for p in model.phi if p.name in model.library.signals)
-    of_input = {INPUT, *(str(p.name) for p in elements if p.signal == INPUT)}
     side = _rename(model.equation(), renamed)
+    used = [p for p in model.phi if p.name in model.library.signals]
+    of_input = {INPUT, *(p.name for p in used if p.signals == {output})}
     if all(v.signal in of_input for v in side.variables):
         raise ValueError(
             "The inverse model reads no output of the machine, so its law would not follow a reference "
             f"(Assumption 4.5): {model.equation()}."
         )
+    newest = {p.name: min(v.lag for v in side.variables if v.signal == p.name) for p in used}
+    elements = tuple(_element(p, renamed, newest[p.name], lead) for p in used)
     rests = _rests(side, elements, INPUT)
-    leads = {v: v if v.signal in of_input else v.shift(-lead) for v in side.variables}
+    stay = of_input | {e.name for e in elements if isinstance(e, FunctionElement)}
+    leads = {v: v if v.signal in stay else v.shift(-lead) for v in side.variables}
     equation = side.substitute({old: Polynomial.variable(new) for old, new in leads.items() if old != new})
-    return CompensationLaw("explicit", (equation,), elements, keeps_rest=rests)
+    return CompensationLaw("explicit", (_from_newest(equation, elements),), elements, keeps_rest=rests)
 
 
 def _readable(model: NARXModel, input_name: str | None) -> tuple[NARXModel, str, str]:
@@ -320,12 +330,6 @@ def _readable(model: NARXModel, input_name: str | None) -> tuple[NARXModel, str,
             f"The model calls a signal {sorted(reserved)}, letters that a law keeps for its input, its "
             "reference and the input's move; rename it."
         )
-    for phi in model.phi:
-        if isinstance(phi, FunctionPhi) and phi.name in model.library.signals:
-            raise ValueError(
-                f"{phi.name} = {phi.describe()} is a Python function, which cannot be compiled into a law; "
-                "use one of the phi regressors of the package, such as AsymmetricSign for polynomials."
-            )
     return model.expanded(), name, output
 
 
@@ -340,8 +344,26 @@ def _rename(side: Polynomial, renamed: Callable[[str], str]) -> Polynomial:
     )
 
 
-def _rename_phi(phi: Phi, renamed: Callable[[str], str]) -> Phi:
-    return replace(replace_name(phi, str(phi.name)), signal=renamed(phi.signal))
+def _element(phi: Phi, renamed: Callable[[str], str], newest: int, lead: int = 0) -> Element:
+    """Return a phi regressor in the letters of the law; the reference is read ``lead`` samples ahead.
+
+    A user's function is moved so that its newest occurrence, at lag ``newest`` of the law's equation, is the
+    one of sample k. What it is called with then tells whether it waits for m[k].
+    """
+    if not isinstance(phi, FunctionPhi):
+        return replace(replace_name(phi, str(phi.name)), signal=renamed(phi.signal))
+    of = (Variable(renamed(v.signal), v.lag + newest) for v in phi.of)
+    moved = (v.shift(-lead) if v.signal == REFERENCE else v for v in of)
+    return FunctionElement(phi.function, tuple(moved), str(phi.name))
+
+
+def _from_newest(side: Polynomial, elements: tuple[Element, ...]) -> Polynomial:
+    """Return the equation with the lags of users' functions counted from their newest occurrence."""
+    moved: dict[Variable, Polynomial] = {}
+    for name in (e.name for e in elements if isinstance(e, FunctionElement)):
+        lags = [v.lag for v in side.variables if v.signal == name]
+        moved |= {Variable(name, lag): Polynomial.variable(Variable(name, lag - min(lags))) for lag in lags}
+    return side.substitute(moved)
 
 
 def _is_fresh(variable: Variable, redirected: Redirected) -> bool:
@@ -355,8 +377,8 @@ def _is_polynomial(phi: Phi) -> bool:
 
 def _regimes(redirected: Redirected) -> list[Polynomial] | None:
     """Return ``F - r`` with every element of m[k] replaced: loading, unloading, or one where they agree."""
-    unknown = redirected.unknown
-    if not all(_is_polynomial(e) for e in unknown.values()):
+    unknown = {name: e for name, e in redirected.unknown.items() if isinstance(e, Phi) and _is_polynomial(e)}
+    if len(unknown) < len(redirected.unknown):
         return None
     sides = []
     for direction in (1, -1):
@@ -365,14 +387,14 @@ def _regimes(redirected: Redirected) -> list[Polynomial] | None:
     return sides[:1] if sides[0] == sides[1] else sides
 
 
-def _used(elements: tuple[Phi, ...], equations: tuple[Polynomial, ...]) -> tuple[Phi, ...]:
+def _used(elements: tuple[Element, ...], equations: tuple[Polynomial, ...]) -> tuple[Element, ...]:
     signals = {v.signal for equation in equations for v in equation.variables}
     return tuple(e for e in elements if e.name in signals)
 
 
-def _rests(side: Polynomial, elements: tuple[Phi, ...], output: str) -> bool:
+def _rests(side: Polynomial, elements: tuple[Element, ...], output: str) -> bool:
     """Tell whether the equation at rest says no more than that the output stays (Lemma 4.1)."""
-    if any(e.has_memory for e in elements):
+    if any(e.has_memory or isinstance(e, FunctionElement) for e in elements):
         return False
     at_rest = side.substitute({v: 0.0 for v in side.variables if v.signal in {str(e.name) for e in elements}})
     if any(term.degree != 1 or term.signals != {output} for term in at_rest.library):

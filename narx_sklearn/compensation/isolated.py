@@ -1,8 +1,15 @@
 """IsolatedCompensator: the input in closed form (thesis section 4.5)."""
 
-from narx_sklearn.compensation._base import Compensator
+from typing import Any
+
+from sklearn.base import clone
+
+from narx_sklearn.compensation._base import Compensator, fitted_regressor
 from narx_sklearn.compensation._defaults import isolable_regressor
 from narx_sklearn.compensation.derive import isolated_law, smooth_signs
+from narx_sklearn.identification.constraints import parse_constraints
+from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.terms import Term, TermLibrary
 
 __all__ = ["IsolatedCompensator"]
 
@@ -48,6 +55,12 @@ class IsolatedCompensator(Compensator):
     RootCompensator : For models of any structure.
     law_stability : Whether the recursion amplifies errors.
 
+    Notes
+    -----
+    The law divides by the parameter of the newest input's linear term. Where the record is short or hardly
+    excited, selection may leave that term out; it is then added to the terms selected, and all are estimated
+    again.
+
     References
     ----------
     Lacerda Junior (2021), section 4.5, Assumptions 4.3 and 4.4, eq. (4.23).
@@ -84,3 +97,39 @@ class IsolatedCompensator(Compensator):
 
     def _derive(self, model):
         return isolated_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)
+
+    def _identify_law(self, X, y, sessions):
+        if isinstance(self.model, NARXModel):
+            self.model_ = self.model
+        else:
+            regressor = fitted_regressor(self.model, self._default_regressor, X, y, sessions)
+            self.model_ = _with_newest_input(regressor, self.input_name, X, y, sessions)
+        return self._derive(self.model_)
+
+
+def _with_newest_input(regressor: Any, input_name: str | None, X, y, sessions) -> NARXModel:
+    """Return a fitted estimator's model, with the newest input's linear term where selection lost it."""
+    regressor = getattr(regressor, "best_estimator_", regressor)
+    model = regressor.model_
+    constraints = getattr(regressor, "constraints", None)
+    candidates = getattr(regressor, "candidates_", None)
+    # a matrix of constraints has one column for each candidate: it cannot be put on fewer
+    if candidates is None or not model.inputs or not isinstance(constraints, str | list | None):
+        return model
+    needed = _newest_linear_term(model, candidates, input_name or model.inputs[0])
+    if needed is None or needed in model.library:
+        return model
+    terms = {*model.library, needed}
+    if constraints is not None and constraints != "continuum":
+        terms |= {candidates[i] for i in parse_constraints(constraints, candidates).terms}
+    again = clone(regressor).set_params(structure=terms.__contains__, n_terms=len(terms))
+    options = {} if sessions is None else {"sessions": sessions}
+    return again.fit(X, y, **options).model_
+
+
+def _newest_linear_term(model: NARXModel, candidates: TermLibrary, name: str) -> Term | None:
+    """Return the only candidate that reads the newest input, if it is linear."""
+    of_input = {name, *(p.name for p in model.phi if name in p.signals)}
+    lags = [v.lag for term in candidates for v in term.variables if v.signal in of_input]
+    fresh = [t for t in candidates if any(v.signal in of_input and v.lag == min(lags) for v in t.variables)]
+    return fresh[0] if len(fresh) == 1 and fresh[0].degree == 1 else None

@@ -1,18 +1,19 @@
 """Compensation laws as values: equations and elements over the reference r and the input m, and their run."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from narx_sklearn.compensation import _kernels as kernels
+from narx_sklearn.compensation._user_functions import compiled_functions
 from narx_sklearn.model.kernels import STATE_SIZE, Program
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.terms import Variable
 
-__all__ = ["BoucWenElement", "CompensationLaw", "LawState"]
+__all__ = ["BoucWenElement", "CompensationLaw", "FunctionElement", "LawState"]
 
 INPUT, REFERENCE, MOVE = "m", "r", "d"  # the thesis's letters, and the move m[k] - m[k-1]
 METHODS = {"explicit": kernels.EXPLICIT, "roots": kernels.ROOTS, "search": kernels.SEARCH}
@@ -57,6 +58,43 @@ class BoucWenElement:
 
 
 @dataclass(frozen=True)
+class FunctionElement:
+    """A function of the user's as an element of a law, in time with the input m[k].
+
+    Parameters
+    ----------
+    function : callable
+        ``function(*arguments) -> value``, elementwise on arrays.
+    of : tuple of Variable
+        What it is called with, such as ``m[k-1]`` and ``r[k+1]``.
+    name : str
+        Its name in the law.
+    """
+
+    function: Callable
+    of: tuple[Variable, ...]
+    name: str
+    kind = kernels.FUNCTION
+    has_memory = False
+    kernel_parameters = np.zeros(1)
+
+    @property
+    def signal(self) -> str:
+        """The input where the one wanted, m[k], is among the arguments; else its own name."""
+        return INPUT if Variable(INPUT, 0) in self.of else self.name
+
+    @property
+    def reach(self) -> int:
+        """Samples before the present that it is a function of."""
+        return max(max(v.lag for v in self.of), 0)
+
+    def describe(self) -> str:
+        """Return the definition as text."""
+        called = getattr(self.function, "__name__", type(self.function).__name__)
+        return f"{called}({', '.join(map(str, self.of))})"
+
+
+@dataclass(frozen=True)
 class CompensationLaw:
     """A law that gives the input m[k] from the reference r and past inputs.
 
@@ -68,7 +106,7 @@ class CompensationLaw:
     equations : tuple of Polynomial
         In ``m[k-1]``, ``r[k+1]``, ... and elements; with ``"roots"``, for each regime the coefficients of the
         powers 0, 1, ... of the move ``m[k] - m[k-1]``.
-    elements : tuple of Phi or BoucWenElement, default=()
+    elements : tuple of Phi, BoucWenElement or FunctionElement, default=()
         Named functions of m, r and other known signals that the equations use.
     others : tuple of str, default=()
         Known signals besides the reference.
@@ -102,7 +140,7 @@ class CompensationLaw:
 
     method: str
     equations: tuple[Polynomial, ...]
-    elements: tuple[Phi | BoucWenElement, ...] = ()
+    elements: tuple[Phi | BoucWenElement | FunctionElement, ...] = ()
     others: tuple[str, ...] = ()
     n_regimes: int = 1
     keeps_rest: bool = False
@@ -110,6 +148,10 @@ class CompensationLaw:
     rate_limit: float = np.inf
     policy: str = "hold"
     initial_states: Mapping[str, float] = field(default_factory=dict)
+
+    def __getstate__(self):
+        # what is compiled or packed is made anew where it is wanted
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -135,13 +177,27 @@ class CompensationLaw:
     @cached_property
     def horizon(self) -> int:
         """Samples that the reference must be known ahead."""
-        of_input = self._elements_of_input
-        ahead = (-v.lag for v in self.variables if v.signal != INPUT and v.signal not in of_input)
-        return max(max(ahead, default=0), 0)
+        of_input = {INPUT, *(str(e.name) for e in self.elements if e.signal == INPUT)}
+        read = {*self.variables, *(v for e in self._functions for v in e.of)}
+        return max(max((-v.lag for v in read if v.signal not in of_input), default=0), 0)
 
     @property
-    def _elements_of_input(self) -> frozenset[str]:
-        return frozenset(str(e.name) for e in self.elements if e.signal == INPUT)
+    def _functions(self) -> tuple[FunctionElement, ...]:
+        return tuple(e for e in self.elements if isinstance(e, FunctionElement))
+
+    @cached_property
+    def functions(self):
+        """The user's functions as the kernels take them, None if there are none."""
+        if not self._functions:
+            return None
+        width = len(self.channels)
+        column = {signal: i for i, signal in enumerate(self.channels)}
+        return compiled_functions(
+            [
+                (e.function, column[e.name], [column[v.signal] - v.lag * width for v in e.of])
+                for e in self._functions
+            ]
+        )
 
     @cached_property
     def _back(self) -> int:
@@ -191,7 +247,7 @@ class CompensationLaw:
             np.array([e.kind for e in self.elements], dtype=np.int64),
             np.array([channels.index(e.signal) for e in self.elements], dtype=np.int64),
             np.array([channels.index(str(e.name)) for e in self.elements], dtype=np.int64),
-            np.array([e.signal == INPUT for e in self.elements], dtype=np.int64),
+            np.array([_owner(e) for e in self.elements], dtype=np.int64),
         ]
         limits = np.array([*self.limits, self.rate_limit], dtype=float)
         return np.concatenate(integers), np.concatenate(
@@ -247,7 +303,10 @@ class CompensationLaw:
             state.settle(ahead[: h - 1], np.full(h - 1, m))
             ahead = np.ascontiguousarray(ahead[h - 1 :])
         inputs = np.empty(known.shape[0])
-        kernels.run(*self.packed, state.values, ahead, inputs)
+        if self.functions is None:
+            kernels.run(*self.packed, state.values, ahead, inputs)
+        else:
+            kernels.with_functions().run(self.functions, *self.packed, state.values, ahead, inputs)
         return LawRun(inputs, state.counts)
 
     def to_text(self, digits: int = 5) -> str:
@@ -341,6 +400,8 @@ class LawState:
         window[:, 0] = m
         window[:, 1 : 1 + known.size] = known
         for p, element in enumerate(law.elements):
+            if isinstance(element, FunctionElement):
+                continue
             level = window[0, law.channels.index(element.signal)]
             initial = law.initial_states.get(str(element.name))
             if initial is not None:
@@ -349,19 +410,35 @@ class LawState:
                 element.kind, element.kernel_parameters, level, level, parts.elements[p]
             )
             window[:, law.channels.index(str(element.name))] = value
+        if law.functions is not None:
+            law.functions(parts.window, self._present)
+            window[:] = window[law._back - law.horizon]
         self._known = np.empty(known.size)
+
+    @property
+    def _present(self) -> int:
+        """Where in the packed window the row of m[k] begins."""
+        return (self.law._back - self.law.horizon) * len(self.law.channels)
 
     def settle(self, known, inputs) -> None:
         """Move over past rows: known signals up to now, and the inputs ``horizon`` samples before each."""
         known = np.ascontiguousarray(np.asarray(known, dtype=float).reshape(-1, len(self.law.known)))
-        kernels.settle(
-            self._integers, self._numbers, self.values, known, np.ascontiguousarray(inputs, dtype=float)
-        )
+        inputs = np.ascontiguousarray(inputs, dtype=float)
+        if self.law.functions is None:
+            kernels.settle(self._integers, self._numbers, self.values, known, inputs)
+            return
+        window = kernels.unpack_state(self._integers, self.values).window
+        for i in range(inputs.size):
+            kernels.settle(self._integers, self._numbers, self.values, known[i : i + 1], inputs[i : i + 1])
+            self.law.functions(window, self._present)
 
     def step(self, known) -> float:
         """Take the newest known values, return the input."""
         self._known[:] = known
-        return kernels.advance(self._integers, self._numbers, self.values, self._known)
+        if self.law.functions is None:
+            return kernels.advance(self._integers, self._numbers, self.values, self._known)
+        advance = kernels.with_functions().advance
+        return advance(self.law.functions, self._integers, self._numbers, self.values, self._known)
 
     @property
     def counts(self) -> LawCounts:
@@ -379,6 +456,13 @@ class LawState:
 def with_limits(law: CompensationLaw, limits, rate_limit, policy, keeps_rest) -> CompensationLaw:
     """Return the law with other limits and manners."""
     return replace(law, limits=limits, rate_limit=rate_limit, policy=policy, keeps_rest=keeps_rest)
+
+
+def _owner(element) -> int:
+    """Return what an element is of: the user's functions, the input, or known signals."""
+    if isinstance(element, FunctionElement):
+        return kernels.OF_FUNCTION
+    return kernels.OF_INPUT if element.signal == INPUT else kernels.OF_KNOWN
 
 
 def _program(equations: Sequence[Polynomial], channels: Sequence[str], horizon: int) -> Program:

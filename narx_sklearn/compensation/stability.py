@@ -105,7 +105,11 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
     unlimited[2] = np.inf  # a limit that cuts an error hides that the law amplifies it
     if law.method != "search":
         unlimited[:2] = -np.inf, np.inf
-    kernels.slopes_along(integers, numbers, unlimited, state.values, ahead, STEP * size, every, slopes)
+    arguments = (integers, numbers, unlimited, state.values, ahead, STEP * size, every, slopes)
+    if law.functions is None:
+        kernels.slopes_along(*arguments)
+    else:
+        kernels.with_functions().slopes_along(law.functions, *arguments)
     return _summarise(slopes, every)
 
 
