@@ -14,14 +14,14 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 
-ROUGH = 5  # iterations of a leader's first refit
+ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
 STARTS = 2  # of one leader that are tried
 NEARLY = 0.3  # share of the gain of its best start that another one must have
-FINALISTS = 6  # leaders taken to convergence
 BEAM = 2  # sets of effects carried to the next depth
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
+HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
@@ -135,7 +135,7 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
 def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
-    All get a few iterations, the better ones are then taken to convergence.
+    All get a few iterations, the better ones more, the best are taken to convergence.
     """
 
     def refitted(model, iterations: int) -> Candidate:
@@ -145,12 +145,13 @@ def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_job
         found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(refitted)(m, iterations) for m in models)
         return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
 
-    starts = [base.model._replace(effects=(*base.model.effects, effect)) for effect in placed]
-    rough = _once_each(round_of(starts, ROUGH))
-    return sorted(
-        round_of([c.fit.model for c in rough[:FINALISTS]], FINE) + rough[FINALISTS:],
-        key=lambda c: c.criterion,
-    )
+    models = [base.model._replace(effects=(*base.model.effects, effect)) for effect in placed]
+    left_behind: list[Candidate] = []
+    for iterations, most in ROUNDS:
+        found = _once_each(round_of(models, iterations))
+        models = [c.fit.model for c in found[:most]]
+        left_behind += found[most:]
+    return sorted(round_of(models, FINE) + left_behind, key=lambda c: c.criterion)
 
 
 def _once_each(candidates: list[Candidate]) -> list[Candidate]:
@@ -326,7 +327,7 @@ def look_alikes(
         behind = other.criterion - best.criterion
         extra = other.fit.model.q.size - best.fit.model.q.size
         saved = (best.fit.cost - other.fit.cost) / unit
-        if declared and _alike_in_form(extra, saved, tolerated / unit):
+        if behind <= HARDLY or (declared and _alike_in_form(extra, saved, tolerated / unit)):
             kept.append(other)
             continue
         if behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
@@ -336,6 +337,6 @@ def look_alikes(
         score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
         size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
         spread = np.sqrt(max(np.sum(products**2), size))
-        if other.criterion <= best.criterion + ALIKE or score < level * spread:
+        if score < level * spread:
             kept.append(other)
     return kept
