@@ -14,15 +14,14 @@ from narx_sklearn.discrepancy.explain import (
     Step,
     gains,
     leaders,
-    likeliest,
-    look_alikes,
     probe,
     refit_leaders,
     search,
 )
-from narx_sklearn.discrepancy.generic import CODE, curve_hypotheses
+from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import parameters_moved
+from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -147,7 +146,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
         best = _converged(problem, likeliest(pool))
-        alternatives = _alternatives(problem, refitted, best, pool)
+        alternatives = _alternatives(problem, refitted, best, pool, _ordinary(steps))
         unnamed = _unnamed(problem, refitted, structure, settings)
         leftover = _leftover(problem, best, structure, settings)
         verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
@@ -230,7 +229,7 @@ def _converged(problem: Problem, candidate: Candidate) -> Candidate:
 
 
 def _alternatives(
-    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate]
+    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate], starts: dict[tuple, np.ndarray]
 ) -> tuple[tuple[Candidate, ...], ...]:
     """Return, for each effect of the set, what could stand in its place without being clearly worse."""
     singles = [c.effects[0] for c in pool if len(c.effects) == 1]
@@ -252,14 +251,14 @@ def _alternatives(
                 rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
         # the same effect at another place is a question of where, not of what
         rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
-        found.append(
-            tuple(
-                look_alikes(
-                    best, sorted(rivals, key=lambda c: c.criterion), refitted.cost, problem.y.shape[1]
-                )[1:]
-            )
-        )
+        rivals.sort(key=lambda c: c.criterion)
+        found.append(tuple(look_alikes(problem, best, rivals, refitted.cost, starts)[1:]))
     return tuple(found)
+
+
+def _ordinary(steps: list[Step]) -> dict[tuple, np.ndarray]:
+    """Return the starting values of all that was tried, by its place."""
+    return {h.placed.place: h.starts for step in steps for h in step.bank.hypotheses}
 
 
 def _replaced(candidate: Candidate, kept: set) -> set[str]:
@@ -280,7 +279,7 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     taken = {effect.place for effect in best.effects}
     named = [h for h in _hypotheses(problem, best.fit, structure, settings) if h.placed.place not in taken]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
-    is_curve = np.array([bank.hypotheses[h].placed.effect.code == CODE for h in bank.owner])
+    is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain
     detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
     curve_gain = 0.0

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise
-from narx_sklearn.discrepancy.detect import Detection, block_length, blocks_of, detect
+from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -19,14 +19,8 @@ FINE = 20  # iterations that bring a leader to convergence
 STARTS = 2  # of one leader that are tried
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
-CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
-ALIKE = 2.0  # difference of the criterion that says nothing
-HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
-DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
-FORM = 0.05  # share of what an effect explains that its idealised form may leave
-CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 
 
 class Gains(NamedTuple):
@@ -267,76 +261,3 @@ def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
         reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
         found.append(Candidate(reduced, candidate.n_samples))
     return found
-
-
-def likeliest(candidates: list[Candidate]) -> Candidate:
-    """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
-
-    Natural is an effect made for the unit of its argument (gravity for an angle), then fewer parameters.
-    """
-    best = min(candidates, key=lambda c: c.criterion)
-    alike = [
-        c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
-    ]
-    return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
-
-
-def _at_home(candidate: Candidate) -> bool:
-    last = candidate.effects[-1]
-    return bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
-
-
-def _declared(best: Candidate, other: Candidate) -> bool:
-    """Tell whether the catalogue calls what stands in another's place a look-alike of what stood there."""
-    places = {e.place for e in best.effects} & {e.place for e in other.effects}
-    mine = [e.effect for e in best.effects if e.place not in places]
-    theirs = [e.effect for e in other.effects if e.place not in places]
-    return len(mine) == len(theirs) == 1 and theirs[0].code in mine[0].lookalikes
-
-
-def _alike_in_form(extra: int, saved: float, tolerated: float) -> bool:
-    """Tell whether a declared look-alike of ``extra`` parameters differs no more than forms may be wrong by.
-
-    ``saved`` is what it takes off the best's cost, ``tolerated`` what a form may leave, in noise variances.
-    """
-    if extra > 0 and abs(saved) < DEARER * extra:  # it holds the best as a special case
-        return tolerated < DEARER * extra
-    return -saved <= tolerated
-
-
-def look_alikes(
-    best: Candidate, others: list[Candidate], base_cost: float, n_outputs: int, level: float = CLEARLY
-) -> list[Candidate]:
-    """Return the candidates that are not clearly worse than the best, the best first.
-
-    The catalogue's forms are idealised. So what it declares a look-alike stays unless it leaves more of what
-    the best explains (of ``base_cost``) than a form may be wrong by; one with further parameters stays
-    also where such a share would not show.
-
-    A rival is clearly worse when its residual goes along with what the best would change in it: the score
-    of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
-    parameters projected out, with a variance from short blocks.
-    """
-    kept = [best]
-    noise = best.fit.residual
-    length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
-    tolerated = FORM * (base_cost - best.fit.cost)
-    unit = best.fit.cost / best.n_samples
-    for other in others:
-        declared = _declared(best, other)
-        behind = other.criterion - best.criterion
-        extra = other.fit.model.q.size - best.fit.model.q.size
-        saved = (best.fit.cost - other.fit.cost) / unit
-        if behind <= HARDLY or (declared and _alike_in_form(extra, saved, tolerated / unit)):
-            kept.append(other)
-            continue
-        if behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
-            continue  # one that holds the best as a special case must earn its further parameters
-        change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
-        products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
-        score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
-        size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
-        spread = np.sqrt(max(np.sum(products**2), size))
-        if score < level * spread:
-            kept.append(other)
-    return kept

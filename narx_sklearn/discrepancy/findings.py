@@ -5,7 +5,7 @@ import numpy as np
 from narx_sklearn.discrepancy.acting import correction_unit
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import Candidate
-from narx_sklearn.discrepancy.generic import CODE
+from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_short
 from narx_sklearn.discrepancy.results import Finding
@@ -30,7 +30,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
         at += placed.n_theta
         found.append(
             Finding(
-                effect=placed.effect.code if placed.effect.code != CODE else "unknown",
+                effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
                 title=placed.effect.title,
                 sentence=placed.effect.sentence,
                 equation=placed.effect.equation,

@@ -1,7 +1,8 @@
 """A force of unknown shape: what physics outside the catalogue would look like.
 
-A broken line through a few knots competes with the named effects at every port. When it explains clearly
-more than any of them, something is missing that has no name here, and its curve is already drawn.
+A broken line through a few knots competes with the named effects at every port, and a polynomial in position
+and rate wherever something moves. When one explains clearly more than any of them, something is missing that
+has no name here, and its curve is already drawn.
 """
 
 import numpy as np
@@ -14,7 +15,17 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, EffectParameter
 
 KNOTS = 7
-CODE = "unnamed_curve"
+CURVE, SURFACE = "unnamed_curve", "unnamed_surface"
+UNNAMED = (CURVE, SURFACE)
+TITLES = {
+    CURVE: "a curve that the catalogue does not hold",
+    SURFACE: "a force of position and rate that the catalogue does not hold",
+}
+SENTENCES = {
+    CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
+    SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
+}
+MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
 
 
 @njit(nogil=True, cache=True)
@@ -28,6 +39,14 @@ def _broken_line(value, theta):
         return theta[KNOTS - 1]
     i = int(place)
     return theta[i] + (place - i) * (theta[i + 1] - theta[i])
+
+
+@njit(nogil=True, cache=True)
+def _surface(argument, rate, own, second, time, step, z, theta, dz):
+    """Return the polynomial of second and third degree in position and rate, in units of their sizes."""
+    x, v = argument / theta[7], rate / theta[8]
+    squares = theta[0] * x * x + theta[1] * x * v + theta[2] * v * v
+    return squares + theta[3] * x**3 + theta[4] * x * x * v + theta[5] * x * v * v + theta[6] * v**3
 
 
 @njit(nogil=True, cache=True)
@@ -55,6 +74,10 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                     continue
                 seen.add(weights)
                 found.append(_at(Port("state", int(i)), weights, (name, unit), x @ np.array(weights)))
+        if structure.partner[i] >= 0:
+            for weights, name, unit in _arguments("position", int(i), simulator, structure):
+                position = x @ np.array(weights)
+                found.append(_of_motion(Port("state", int(i)), weights, (name, unit), position, simulator.dt))
     return [hypothesis for hypothesis in found if hypothesis is not None]
 
 
@@ -65,27 +88,45 @@ def _at(port: Port, weights, signal, values) -> Hypothesis | None:
     low, high = np.quantile(values, [0.005, 0.995])
     if not high > low:
         return None
-    parameters = tuple(EffectParameter(f"f{i + 1}", "{port}") for i in range(KNOTS))
-    parameters += (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
+    fixed = (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
+    names = [f"f{i + 1}" for i in range(KNOTS)]
+    return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, weights, signal)
+
+
+def _of_motion(port: Port, weights, signal, position, dt: float) -> Hypothesis | None:
+    speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
+    sizes = np.ptp(position) / 2, np.quantile(speed, 0.98) if speed.size else 0.0
+    if not min(sizes) > 0:
+        return None
+    fixed = tuple(
+        EffectParameter(name, unit, size, size)
+        for name, unit, size in zip(("size of x", "size of v"), ("{arg}", "{arg}/s"), sizes, strict=True)
+    )
+    equation = "f(x, v), of second and third degree"
+    return _unnamed(SURFACE, equation, MONOMIALS, fixed, _surface, port, weights, signal)
+
+
+def _unnamed(code: str, equation: str, names, fixed, force, port: Port, weights, signal) -> Hypothesis:
+    """Return the hypothesis of a force that is linear in its named coefficients; the last two are fixed."""
+    n = len(names)
     effect = Effect(
-        code=CODE,
-        title="a curve that the catalogue does not hold",
-        sentence="Something acts here that depends on this signal in a way none of the known effects does.",
-        equation="f(x), a broken line",
-        parameters=parameters,
+        code=code,
+        title=TITLES[code],
+        sentence=SENTENCES[code],
+        equation=equation,
+        parameters=(*(EffectParameter(name, "{port}") for name in names), *fixed),
         starts=_none,
-        force=_force,
-        transform=_transform,
+        force=force,
+        transform=_transform if code == CURVE else None,
         amplitude=None,
     )
-    starts = np.zeros((KNOTS, KNOTS + 2))
-    starts[:, :KNOTS] = np.eye(KNOTS)
-    starts[:, KNOTS:] = low, high
+    scale = [parameter.lower for parameter in fixed]
+    starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
     placed = PlacedEffect(
         effect,
         port,
         weights,
-        theta=tuple(np.r_[np.zeros(KNOTS), low, high]),
+        theta=tuple(np.r_[np.zeros(n), scale]),
         argument_name=signal[0],
         argument_unit=signal[1],
     )

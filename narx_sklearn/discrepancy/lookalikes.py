@@ -1,0 +1,115 @@
+"""What else it could be: the likeliest set, and the explanations that these data do not exclude."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.detect import block_length, blocks_of
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import fit
+
+CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
+ALIKE = 2.0  # difference of the criterion that says nothing
+HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
+DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
+FORM = 0.05  # share of what an effect explains that its idealised form may leave
+CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
+SETTLED = 8  # iterations that fit the size of an effect whose shape is given
+
+
+def likeliest(candidates: list[Candidate]) -> Candidate:
+    """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
+
+    Natural is an effect made for the unit of its argument (gravity for an angle), then fewer parameters.
+    """
+    best = min(candidates, key=lambda c: c.criterion)
+    alike = [
+        c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
+    ]
+    return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
+
+
+def _at_home(candidate: Candidate) -> bool:
+    last = candidate.effects[-1]
+    return bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
+
+
+def _declared(best: Candidate, other: Candidate) -> PlacedEffect | None:
+    """Return what stands in another's place, if the catalogue calls it a look-alike of what stood there."""
+    places = {e.place for e in best.effects} & {e.place for e in other.effects}
+    mine = [e for e in best.effects if e.place not in places]
+    theirs = [e for e in other.effects if e.place not in places]
+    alike = len(mine) == len(theirs) == 1 and theirs[0].effect.code in mine[0].effect.lookalikes
+    return theirs[0] if alike else None
+
+
+def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
+    """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted."""
+    if effect.effect.amplitude is None:
+        return np.inf
+    effects, own = candidate.effects, candidate.fit.model.p.size
+    at = next(i for i, e in enumerate(effects) if e.place == effect.place)
+    first = own + sum(e.n_theta for e in effects[:at])
+    free = np.ones(candidate.fit.model.q.size, dtype=bool)
+    free[first : first + effect.n_theta] = False
+    free[first + effect.effect.amplitude] = True
+    costs = []
+    for theta in starts:
+        model = candidate.fit.model._replace(effects=(*effects[:at], effect.at(theta), *effects[at + 1 :]))
+        costs.append(fit(problem, model, free=free, iterations=SETTLED).cost)
+    return min(costs, default=np.inf)
+
+
+def look_alikes(
+    problem: Problem,
+    best: Candidate,
+    others: list[Candidate],
+    base_cost: float,
+    starts: Mapping[tuple, np.ndarray],
+    level: float = CLEARLY,
+) -> list[Candidate]:
+    """Return the candidates that are not clearly worse than the best, the best first.
+
+    A rival is clearly worse when its residual goes along with what the best would change in it: the score
+    of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
+    parameters projected out, with a variance from short blocks.
+
+    The catalogue's forms are idealised. So what it declares a look-alike stays unless it leaves more of what
+    the best explains than a form may be wrong by. One that holds the best as a special case must earn its
+    further parameters, or fit as well with an ordinary shape, far from that special case.
+
+    Parameters
+    ----------
+    base_cost : float
+        Cost of the simulator without effects.
+    starts : mapping from places to ndarray of shape (n_starts, n_theta)
+        Ordinary parameter values of the effects.
+    """
+    kept = [best]
+    noise = best.fit.residual
+    n_outputs = problem.y.shape[1]
+    length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
+    unit = best.fit.cost / best.n_samples
+    for other in others:
+        declared = _declared(best, other)
+        behind = other.criterion - best.criterion
+        extra = other.fit.model.q.size - best.fit.model.q.size
+        saved = (best.fit.cost - other.fit.cost) / unit
+        holds_the_best = extra > 0 and abs(saved) < DEARER * extra
+        if behind <= HARDLY:
+            kept.append(other)
+        elif declared and holds_the_best:
+            cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
+            kept += [other] * (cost - best.fit.cost <= HARDLY * unit)
+        elif declared and -saved * unit <= FORM * (base_cost - best.fit.cost):
+            kept.append(other)
+        elif behind <= CERTAIN and not (extra > 0 and saved < DEARER * extra):
+            change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
+            products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
+            score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
+            size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
+            kept += [other] * (score < level * np.sqrt(max(np.sum(products**2), size)))
+    return kept
