@@ -99,12 +99,10 @@ def look_alikes(
         extra = other.fit.model.q.size - best.fit.model.q.size
         saved = (best.fit.cost - other.fit.cost) / unit
         holds_the_best = extra > 0 and abs(saved) < DEARER * extra
-        if behind <= HARDLY:
-            kept.append(other)
-        elif declared and holds_the_best:
+        if declared and holds_the_best:
             cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
             kept += [other] * (cost - best.fit.cost <= HARDLY * unit)
-        elif declared and -saved * unit <= FORM * (base_cost - best.fit.cost):
+        elif behind <= HARDLY or (declared and -saved * unit <= FORM * (base_cost - best.fit.cost)):
             kept.append(other)
         elif behind <= CERTAIN and not (extra > 0 and saved < DEARER * extra):
             change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])

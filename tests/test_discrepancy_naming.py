@@ -1,0 +1,226 @@
+"""What a diagnosis decides between: effect or coloured noise, one effect or its look-alike, named or not."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
+from narx_sklearn.discrepancy.diagnosis import _lengthened
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
+from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+
+def axis(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+def circuit(x, u, p):
+    return p[0] * x[1], p[1] * (u[0] - x[0]) - p[2] * x[1]
+
+
+def tank(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+def make_axis(gain=1.0, damping=0.5):
+    return ODESimulator(
+        axis,
+        dt=0.02,
+        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+def make_circuit():
+    return ODESimulator(
+        circuit,
+        dt=0.01,
+        parameters={"1/capacitance": 9.0, "1/inductance": 4.0, "resistance/inductance": 0.8},
+        states=["capacitor [V]", "current [A]"],
+        inputs=["source [V]"],
+    )
+
+
+def levels(rng, n, hold=15):
+    return np.repeat(rng.normal(0.0, 3.0, n // hold + 1), hold)[:n, None]
+
+
+def friction(size, code="coulomb_friction", shape=()):
+    return PlacedEffect(
+        CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=(size, *shape), argument_name="velocity"
+    )
+
+
+def axis_problem(effects=(), noise=0.002, n=1500, n_windows=4, seed=0, drift=0.0):
+    rng = np.random.default_rng(seed)
+    u = levels(rng, n)
+    y = make_axis(1.1, 0.4).with_effects(list(effects)).simulate(u) + noise * rng.normal(size=(n, 1))
+    y = y + drift * np.cumsum(rng.normal(size=(n, 1)), axis=0)
+    windows = cut([(slice(0, n), 0)], n // n_windows, 12)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([noise])))
+    return problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2)))
+
+
+class TestChanceOfNoise:
+    def test_friction_stays_when_both_sides_may_call_the_rest_coloured_noise(self):
+        problem, start = axis_problem([friction(0.3)])
+        without = fit(problem, start)
+        named = fit(problem, without.model._replace(effects=(friction(0.1),)))
+        assert chance_of_noise(problem, without.model, named.model, n_tried=100) < 1e-6
+
+    def test_an_effect_that_is_not_there_is_noise(self):
+        problem, start = axis_problem(drift=0.0005)
+        without = fit(problem, start)
+        named = fit(problem, without.model._replace(effects=(friction(0.1),)))
+        assert chance_of_noise(problem, without.model, named.model, n_tried=100) > 0.05
+
+    def test_deviance_is_minus_twice_the_log_likelihood_of_white_noise(self):
+        problem, start = axis_problem(n=4000)
+        found = fit(problem, start)
+        variance = np.mean(problem.left_over(found.model)[problem.seen] ** 2)
+        n = problem.seen.sum()
+        assert deviance(problem, found.model) == pytest.approx(n * np.log(variance), abs=25.0)
+
+    def test_every_shape_and_every_hypothesis_has_its_price(self):
+        problem, start = axis_problem([friction(0.02)])
+        without = fit(problem, start)
+        plain = fit(problem, without.model._replace(effects=(friction(0.1),)))
+        chances = [chance_of_noise(problem, without.model, plain.model, n) for n in (1, 10)]
+        assert chances[1] == pytest.approx(min(10 * chances[0], 1.0), rel=1e-9)
+
+
+class TestDrift:
+    def test_a_random_walk_under_white_noise_is_found_whatever_its_level_at_the_start(self):
+        rng = np.random.default_rng(3)
+        n, ratio = 4000, 0.02
+        walk = np.cumsum(ratio * rng.normal(size=(4, n)), axis=1)
+        r = (walk + rng.normal(size=(4, n)) + np.array([[50.0], [-50.0], [0.0], [9.0]]))[:, :, None]
+        noise = estimate_noise(r, np.ones(r.shape, dtype=bool))
+        assert noise.coefficients[0].tolist() == pytest.approx([1.0], abs=2e-3)
+        assert 1 - noise.average[0] == pytest.approx(ratio, abs=0.008)
+        assert noise.sigma[0] == pytest.approx(1.0, rel=0.03)
+
+    def test_innovations_do_not_feel_the_level_of_a_window(self):
+        noise = Noise((np.array([1.0]),), np.array([2.0]), (0.95,))
+        r = np.random.default_rng(0).normal(size=(2, 60, 1))
+        lifted = noise.innovations(r + np.array([7.0, -3.0])[:, None, None])
+        np.testing.assert_allclose(lifted, noise.innovations(r), atol=1e-12)
+
+    def test_whitening_is_linear(self):
+        noise = Noise((np.array([0.99]),), np.array([0.5]), (0.9,))
+        rng = np.random.default_rng(1)
+        a, b = rng.normal(size=(2, 3, 40, 1))
+        together = noise.innovations(2.0 * a - b)
+        np.testing.assert_allclose(together, 2.0 * noise.innovations(a) - noise.innovations(b), atol=1e-12)
+
+
+class TestLongWindows:
+    def test_an_integrator_is_looked_at_over_long_windows_once_its_parameters_are_near(self):
+        problem, start = axis_problem(n_windows=30)
+        short = fit(problem, start)
+        longer, found = _lengthened(problem, short, cut([(slice(0, 1500), 0)], 375, 12))
+        assert longer.windows.count == 4
+        np.testing.assert_allclose(found.model.p, [1.1, 0.4], rtol=0.01)
+
+    def test_windows_stay_short_where_a_long_run_loses_the_recording(self):
+        problem, start = axis_problem(n_windows=30)
+        rng = np.random.default_rng(9)
+        problem.y[:] = 100.0 * rng.normal(size=problem.y.shape)
+        short = fit(problem, start)
+        kept, _ = _lengthened(problem, short, cut([(slice(0, 1500), 0)], 375, 12))
+        assert kept is problem
+
+
+class TestPlaces:
+    def structure_of(self, simulator, n=300):
+        u = levels(np.random.default_rng(0), n)
+        x = simulator.run(u, Windows.whole([slice(0, n)]), np.zeros((1, len(simulator.states)))).x
+        return find_structure(simulator, x, u)
+
+    def test_a_charge_is_the_position_of_a_current_but_its_equation_may_miss_physics(self):
+        structure = self.structure_of(make_circuit())
+        assert structure.partner == (-1, 0)
+        assert structure.kinematic.tolist() == [False, False]
+        arguments = {
+            p.argument_name
+            for p in placements(CATALOGUE["cubic_stiffness"], make_circuit(), structure)
+            if p.port == Port("state", 1)
+        }
+        assert "capacitor" in arguments
+
+    def test_friction_of_a_level_is_odd_and_that_of_a_speed_is_not(self):
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        for state, odd in (("level [m]", True), ("speed [rad/s]", False), ("level", False)):
+            simulator = ODESimulator(tank, states=[state], **made)
+            placed = placements(CATALOGUE["coulomb_friction"], simulator, self.structure_of(simulator))
+            assert [p.odd for p in placed] == [odd]
+
+
+class TestLookAlikes:
+    def candidates(self, size, seed=0):
+        problem, start = axis_problem([friction(size)], seed=seed)
+        base = fit(problem, start)
+        named = [
+            Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (friction(0.1), friction(0.1, "stribeck_friction", (1.5, 0.3, 2.0)))
+        ]
+        starts = {named[1].effects[0].place: np.array([[0.1, 1.5, 0.3, 2.0], [0.1, 1.5, 1.0, 2.0]])}
+        return problem, base, named, starts
+
+    def test_a_form_that_holds_the_best_stays_only_where_its_ordinary_shape_fits_as_well(self):
+        problem, base, (plain, falling), starts = self.candidates(size=0.3)
+        assert look_alikes(problem, plain, [falling], base.cost, starts) == [plain]
+        problem, base, (plain, falling), starts = self.candidates(size=0.002)
+        assert look_alikes(problem, plain, [falling], base.cost, starts) == [plain, falling]
+
+    def test_of_two_alike_the_one_with_fewer_parameters_is_named(self):
+        _, _, (plain, falling), _ = self.candidates(size=0.3)
+        assert likeliest([falling, plain]) is plain
+
+    def test_directions_that_the_data_cannot_feel_have_no_price(self):
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+        gain = PlacedEffect(CATALOGUE["gain_drift"], Port("input", 0), theta=(0.0, 1.0, 0.5))
+        silent = Candidate(fit(problem, base.model._replace(effects=(gain,)), iterations=0), problem.n_seen)
+        assert silent.n_parameters == base.model.p.size
+        plain = Candidate(fit(problem, base.model._replace(effects=(friction(0.1),))), problem.n_seen)
+        assert plain.n_parameters == base.model.p.size + 1
+
+
+class TestUnnamedForces:
+    def test_a_force_of_position_and_rate_fits_what_no_curve_can(self):
+        def damped(x, u, p):
+            return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0] - 3.0 * x[0] * x[0] * x[1]
+
+        def plain(x, u, p):
+            return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]
+
+        about = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+        parameters = {"gain": 4.0, "damping": 0.5}
+        rng = np.random.default_rng(0)
+        u = levels(rng, 1200)
+        y = ODESimulator(damped, parameters=parameters, **about).simulate(u)
+        y = y + 0.002 * rng.normal(size=y.shape)
+        simulator = ODESimulator(plain, parameters=parameters, **about)
+        windows = cut([(slice(0, 1200), 0)], 300, 12)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.002])))
+        base = fit(problem, Model(simulator.nominal, (), np.zeros((4, 2))))
+        run = problem.run(base.model)
+        structure = find_structure(simulator, run.x, u)
+        costs = {}
+        for hypothesis in curve_hypotheses(simulator, structure, u, run.x, run.y):
+            found = fit(problem, base.model._replace(effects=(hypothesis.placed,)))
+            code = hypothesis.placed.effect.code
+            costs[code] = min(found.cost, costs.get(code, np.inf))
+        assert costs[SURFACE] < 1.1 * problem.n_seen < 0.5 * min(v for k, v in costs.items() if k != SURFACE)
