@@ -101,13 +101,17 @@ def look_alikes(
         holds_the_best = extra > 0 and abs(saved) < DEARER * extra
         if declared and holds_the_best:
             cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
-            kept += [other] * (cost - best.fit.cost <= HARDLY * unit)
+            stays = cost - best.fit.cost <= HARDLY * unit
         elif behind <= HARDLY or (declared and -saved * unit <= FORM * (base_cost - best.fit.cost)):
-            kept.append(other)
-        elif behind <= CERTAIN and not (extra > 0 and saved < DEARER * extra):
+            stays = True
+        elif behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
+            stays = False
+        else:
             change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
             products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
             score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
             size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
-            kept += [other] * (score < level * np.sqrt(max(np.sum(products**2), size)))
+            stays = score < level * np.sqrt(max(np.sum(products**2), size))
+        if stays:
+            kept.append(other)
     return kept

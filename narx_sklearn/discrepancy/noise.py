@@ -110,13 +110,22 @@ def _autoregression(r: np.ndarray, known: np.ndarray, longest: int):
             a = solve_toeplitz(c[:order], c[1 : order + 1])
         except LinAlgError:
             break
-        variance = c[0] - a @ c[1 : order + 1]
+        variance = _left_by(a, r, known)
         if not variance > 1e-12 * c[0]:
             break
         bic = n * np.log(variance) + order * np.log(max(n, 2))
         if bic < best[0]:
             best = (bic, a, 0.0, variance)
     return best
+
+
+def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
+    """Return the mean square of the innovations that an autoregression leaves."""
+    e, counts = r[:, a.size :].copy(), known[:, a.size :].copy()
+    for lag, coefficient in enumerate(a, start=1):
+        e -= coefficient * r[:, a.size - lag : r.shape[1] - lag]
+        counts &= known[:, a.size - lag : r.shape[1] - lag]
+    return float(np.sum(e[counts] ** 2) / max(counts.sum(), 1))
 
 
 def _with_moving_average(r: np.ndarray, known: np.ndarray):
@@ -137,6 +146,6 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray):
         key=lambda result: result.fun,
     )
     variance = found.fun / n
-    bic = n * np.log(max(variance, 1e-300)) + 2 * np.log(n)
-    # the autoregression counts all samples; bring this one to the same count
-    return bic * known.sum() / n, np.array([found.x[0]]), float(found.x[1]), variance
+    # counted over all samples, as for the autoregression
+    bic = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * np.log(n)
+    return bic, np.array([found.x[0]]), float(found.x[1]), variance
