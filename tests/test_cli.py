@@ -3,17 +3,26 @@
 import io
 import json
 import os
+import signal
+import stat
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from narx_sklearn.cli import _excite, main
+import narx_sklearn
+from narx_sklearn import DiscrepancyRegressor
+from narx_sklearn.cli import _demo, _excite, main
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
-from narx_sklearn.cli._files import replaced
+from narx_sklearn.cli._files import replaced, write_text
+from narx_sklearn.cli._parser import make_parser
+from narx_sklearn.cli._progress import progress, write_beside
+from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.model import NARXModel
 
 COMMANDS = ("diagnose", "identify", "compensate", "excite", "demo")
@@ -24,7 +33,11 @@ def stage(x, u, p):
     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
 
 def make():
+    print("made")
     return simulator
+
+def fail():
+    raise LookupError("no such stage")
 
 number = 3
 simulator = ODESimulator(
@@ -96,9 +109,13 @@ def test_help_waits_for_no_numerics():
         (["diagnose", "{bench}", "--dt", "0"], "must be positive"),
         (["diagnose", "{bench}", "--dt", "0,01"], "write decimals with a point"),
         (["diagnose", "{bench}"], "Say it with --y-sim"),
-        (["diagnose", "{bench}", "--u", "motor"], "--u motor names no column; the table has 'drive [V]'"),
+        (
+            ["diagnose", "{bench}", "--u", "motor"],
+            "--u motor names no column; the table has 'time [s]', 'drive [V]'",
+        ),
         (["diagnose", "{bench}", "--model", "{servo}:sim"], "has no 'sim'; it holds simulator"),
-        (["diagnose", "{bench}", "--model", "{servo}:number"], "'number' is a int; wanted is a Simulator"),
+        (["diagnose", "{bench}", "--model", "{servo}:number"], "'number' is of type int; wanted is a Sim"),
+        (["diagnose", "{bench}", "--u", "1"], "--u 1: column 'time [s]' is the time"),
         (
             ["diagnose", "{bench}", "--model", "{servo}:make", "--y-sim", "1"],
             "Give --model or --y-sim, not both",
@@ -106,6 +123,7 @@ def test_help_waits_for_no_numerics():
         (["diagnose", "{bench}", "--report", "-"], "--report needs a file name"),
         (["compensate", "{bench}"], "Give either --model"),
         (["compensate", "-", "--record", "-"], "cannot both come from standard input"),
+        (["compensate", "-", "--model", "m.json", "--u", "drive"], "--u names a column of --record, and"),
         (["excite", "prvs", "--samples=9", "--dt=1", "--min=0", "--max=1"], "prvs needs --hold"),
         (["excite", "prfs", "--samples=9", "--dt=1", "--min=0", "--max=1"], "prfs needs --frequency"),
         (["excite", "prfs", "--samples=9", "--dt=1", "--min=0", "--max=1", "--odd"], "--odd does not belong"),
@@ -134,6 +152,7 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
             "There is no effect 'gremlins'",
         ),
         (["diagnose", "{bench}", "--model", "{servo}", "--alpha", "2"], "alpha is a probability"),
+        (["diagnose", "{bench}", "--model", "{servo}:fail"], "raised LookupError: no such stage"),
         (["diagnose", "{bench}", "--json", "absent/a.json"], "there is no folder absent"),
         (["compensate", "{bench}", "--model", "absent.json"], "absent.json"),
         (["compensate", "{bench}", "--model", "{servo}"], "is not JSON"),
@@ -151,6 +170,24 @@ def test_a_model_file_that_raises_is_named(tmp_path, bench, capsys):
     (tmp_path / "broken.py").write_text("import no_such_module_anywhere\n")
     assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "broken.py")]) == 1
     assert "raised ModuleNotFoundError" in capsys.readouterr().err
+
+
+def test_what_a_model_file_prints_stays_out_of_standard_output(bench, capsys):
+    assert load_simulator(f"{bench / 'servo.py'}:make").dt == 0.01
+    assert capsys.readouterr() == ("", "made\n")
+
+
+def test_a_model_file_may_hold_dataclasses_and_be_named_like_a_module_of_the_library(tmp_path):
+    text = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
+    (tmp_path / "signal.py").write_text(f"{text}@dataclass\nclass Stage:\n    mass: float\n{SERVO}")
+    assert load_simulator(str(tmp_path / "signal.py")).dt == 0.01
+    assert sys.modules["signal"] is signal
+
+
+@pytest.mark.parametrize("option", ["alpha", "level", "max_effects", "test_fraction", "window"])
+def test_a_diagnosis_by_command_has_the_defaults_of_the_estimator(option):
+    options = vars(make_parser("narx-sklearn").parse_args(["diagnose", "a.csv"]))
+    assert options[option] == DiscrepancyRegressor(None).get_params()[option]
 
 
 # -- files -------------------------------------------------------------------------------------------------
@@ -171,6 +208,16 @@ def test_an_interrupted_write_leaves_the_old_file_and_no_draft(tmp_path):
     assert os.listdir(tmp_path) == ["out.csv"]
 
 
+def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
+    (tmp_path / "old.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "old.csv")
+    write_text(str(tmp_path / "link.csv"), "new")
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "old.csv").read_text() == "new"
+    write_text(os.devnull, "gone")
+    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
 def test_an_interrupt_ends_with_130(monkeypatch, capsys):
     def interrupted(options):
         raise KeyboardInterrupt
@@ -178,6 +225,105 @@ def test_an_interrupt_ends_with_130(monkeypatch, capsys):
     monkeypatch.setattr(_excite, "run", interrupted)
     assert main(["excite", "prfs", "--samples=9", "--dt=1", "--min=0", "--max=1"]) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+# -- progress ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal():
+    """One end of a pseudo-terminal, to write to, and the list of what was shown on it so far."""
+    pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")
+    master, slave = pty.openpty()
+    shown = []
+
+    def read():
+        while True:
+            try:
+                shown.append(os.read(master, 1024).decode(errors="replace"))
+            except OSError:  # the other end was closed
+                return
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    stream = open(slave, "w", encoding="utf-8")  # noqa: SIM115 - closed below, before its reader ends
+    yield stream, shown
+    stream.close()
+    reader.join(10)
+    os.close(master)
+
+
+def wait_for(text, shown, seconds=20):
+    """Return what was shown when the text has appeared."""
+    end = time.monotonic() + seconds
+    while text not in "".join(shown):
+        assert time.monotonic() < end, f"no {text!r} in {''.join(shown)!r}"
+        time.sleep(0.02)
+    return "".join(shown)
+
+
+def test_a_terminal_shows_the_stages_and_keeps_only_what_was_said_beside_them(terminal, monkeypatch):
+    stream, shown = terminal
+    monkeypatch.setattr(sys, "stderr", stream)
+    with progress({"first": 0, "second": 40}, quiet=False) as begin:
+        begin("first")
+        begin("second")
+        write_beside("a word in between")
+        begin("a stage that nobody knew of")
+    print("end", file=stream, flush=True)
+    told = wait_for("end\r\n", shown)
+    assert "first |" in told
+    assert " 40 % [00:0" in told
+    before, after = told.split("a word in between\r\n")
+    assert not before.split("\r")[-1].strip()
+    assert "a stage that nobody knew of |" in after
+    assert not after.split("\r")[-3].strip()  # wiped away
+
+
+def test_the_clock_beside_the_bar_runs_while_a_stage_takes_its_time(terminal, monkeypatch):
+    stream, shown = terminal
+    monkeypatch.setattr(sys, "stderr", stream)
+    with progress({"long": 0}, quiet=False) as begin:
+        begin("long")
+        wait_for("[00:01]", shown)
+
+
+def test_a_pipe_shows_no_bar(capsys):
+    with progress({"first": 0}, quiet=False) as begin:
+        begin("first")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_terminal_that_was_asked_to_be_quiet_shows_no_bar(terminal, monkeypatch):
+    stream, shown = terminal
+    monkeypatch.setattr(sys, "stderr", stream)
+    with progress({"first": 0}, quiet=True) as begin:
+        begin("first")
+    print("end", file=stream, flush=True)
+    assert wait_for("end", shown).strip() == "end"
+
+
+def test_an_interrupted_diagnosis_leaves_no_file_and_ends_with_130(bench, tmp_path, terminal):
+    stream, shown = terminal
+    record, model = str(bench / "bench.csv"), str(bench / "servo.py")
+    command = ["diagnose", record, "--model", model, "--json", "result.json", "--report", "result.html"]
+    root = Path(narx_sklearn.__file__).parents[1]
+    with subprocess.Popen(
+        [sys.executable, "-m", "narx_sklearn", *command],
+        stdout=subprocess.PIPE,
+        stderr=stream,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(root)},
+    ) as work:
+        try:
+            wait_for("fit of the simulator's own parameters |", shown)
+        finally:
+            work.send_signal(signal.SIGINT)
+        out, _ = work.communicate(timeout=60)
+    assert work.returncode == 130
+    assert out == b""
+    assert "interrupted; no file was left half written" in wait_for("written", shown)
+    assert os.listdir(tmp_path) == []
 
 
 # -- excite ------------------------------------------------------------------------------------------------
@@ -295,8 +441,11 @@ def test_diagnose_takes_a_simulated_trace_with_semicolons_and_decimal_commas(ben
 def test_demo_names_its_friction_and_writes_a_report(tmp_path, capsys, monkeypatch):
     pytest.importorskip("jinja2")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(_demo, "demo_record", lambda: demo_record(1500))  # a third of it: the same, sooner
     assert main(["demo", "--json", "demo.json", "--csv", "demo.csv"]) == 0
-    assert "search for missing physics" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "Report written to narx-demo.html" in told
+    assert "search for missing physics" not in told  # progress is for terminals
     finding = json.loads((tmp_path / "demo.json").read_text())["findings"][0]
     assert finding["effect"] == "coulomb_friction"
     assert finding["parameters"]["Fc"] == pytest.approx(1.6, rel=0.05)

@@ -1,10 +1,14 @@
 """Reading recordings: what is found out by itself, and what every mistake is called."""
 
+import sys
+
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from narx_sklearn.cli._columns import asked_columns
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._sampling import find_column, sample_evenly
 from narx_sklearn.cli._tables import read_table
@@ -109,6 +113,50 @@ def test_uneven_sampling_is_refused_with_a_way_out_and_resampled_on_demand(tmp_p
     assert len(sampled.frame) == 7
 
 
+def test_time_may_begin_anew_in_every_session(tmp_path):
+    table = read_table(written(tmp_path, "t,u,run\n0,1,A\n1,2,A\n2,3,A\n0,4,B\n1,5,B\n"))
+    with pytest.raises(DataError, match=r"runs backwards .* after row 3 .*--session"):
+        sample_evenly(table)
+    sampled = sample_evenly(table, session="run")
+    assert sampled.dt == 1.0
+    assert sampled.sessions.tolist() == [0, 0, 0, 1, 1]
+    assert list(sampled.frame) == ["u"]
+    resampled = sample_evenly(table, session="run", resample=0.5)
+    assert resampled.sessions.tolist() == [0] * 5 + [1] * 3
+    assert resampled.frame["u"].tolist() == [1, 1.5, 2, 2.5, 3, 4, 4.5, 5]
+
+
+def test_a_sample_that_belongs_to_no_session_is_refused(tmp_path):
+    table = read_table(written(tmp_path, "u,run\n1,1\n2,\n3,2\n"))
+    with pytest.raises(DataError, match=r"'run' of .* names no session in row 2"):
+        sample_evenly(table, session="run")
+
+
+def test_a_column_of_words_is_passed_over_and_told(tmp_path):
+    table = read_table(written(tmp_path, "u,state,y\n1,OK,2\n3,late,4\n5,,6\n"))
+    assert table.words == {"state": "OK"}
+    assert any("'state' holds words such as 'OK'" in note for note in table.notes)
+    assert list(sample_evenly(table).frame) == ["u", "y"]
+    with pytest.raises(UsageError, match="--u state: column 'state' holds words such as 'OK', not numbers"):
+        asked_columns(table, ["u", "y"], "state", "--u")
+
+
+def test_a_hash_begins_a_comment_only_at_the_beginning_of_a_line(tmp_path):
+    text = "u,y,z\n# 1,2,3\n1,#N/A,3\n4,5,6\n#N/A,8,9\n"
+    frame = read_table(written(tmp_path, text)).frame
+    np.testing.assert_array_equal(frame, [[1, np.nan, 3], [4, 5, 6], [np.nan, 8, 9]])
+
+
+def test_a_column_is_numbered_as_it_stands_in_the_file_and_may_have_a_comma_in_its_name(tmp_path):
+    table = read_table(written(tmp_path, 'time,"drive, left",y\n0,1,2\n1,3,4\n'))
+    signals = list(sample_evenly(table).frame)
+    assert asked_columns(table, signals, "2", "--u") == ["drive, left"]
+    assert asked_columns(table, signals, "drive, left", "--u") == ["drive, left"]
+    assert asked_columns(table, signals, "3, 2", "--u") == ["y", "drive, left"]
+    with pytest.raises(UsageError, match="column 'time' is the time"):
+        asked_columns(table, signals, "time", "--u")
+
+
 def test_resampling_fills_no_missing_value(tmp_path):
     table = read_table(written(tmp_path, "t,u\n0,1\n1,\n2,3\n3,4\n"))
     resampled = sample_evenly(table, resample=0.5).frame["u"].to_numpy()
@@ -148,6 +196,77 @@ def test_a_time_unit_that_is_not_known_is_refused(tmp_path):
     text = record(",", ".", header="time [fortnight]{0}u{0}y\n")
     with pytest.raises(DataError, match="'fortnight', which is not known"):
         sample_evenly(read_table(written(tmp_path, text)))
+
+
+# -- parquet -----------------------------------------------------------------------------------------------
+
+
+def parquet(tmp_path, frame):
+    pytest.importorskip("pyarrow", reason="parquet needs pyarrow")
+    path = tmp_path / "record.parquet"
+    frame.to_parquet(path)
+    return read_table(str(path))
+
+
+def test_parquet_is_read_as_the_same_table_in_text_is(tmp_path):
+    frame = pd.DataFrame({"time [s]": TIMES, "drive [V]": U, "position [m]": Y})
+    table = parquet(tmp_path, frame)
+    pd.testing.assert_frame_equal(table.frame, frame)
+    assert sample_evenly(table).dt == 0.5
+
+
+def test_an_index_of_times_in_parquet_gives_the_period(tmp_path):
+    index = pd.date_range("2026-03-01", periods=4, freq="20ms", tz="Europe/Paris")
+    sampled = sample_evenly(parquet(tmp_path, pd.DataFrame({"u": U, "y": Y}, index=index)))
+    assert sampled.dt == pytest.approx(0.02, rel=1e-12)
+    assert list(sampled.frame) == ["u", "y"]
+
+
+def test_an_index_of_parquet_that_only_counts_is_no_column(tmp_path):
+    assert list(parquet(tmp_path, pd.DataFrame({"u": U, "y": Y})[1:]).frame) == ["u", "y"]
+
+
+def test_integers_flags_and_durations_of_parquet_are_numbers_and_words_are_told(tmp_path):
+    frame = pd.DataFrame(
+        {
+            "count": pd.array([1, None, 3, 4], dtype="Int64"),
+            "valve": [True, False, True, True],
+            "since": pd.to_timedelta(TIMES, unit="s"),
+            "state": ["on", "on", "off", None],
+        }
+    )
+    table = parquet(tmp_path, frame)
+    np.testing.assert_array_equal(table.frame["count"], [1, np.nan, 3, 4])
+    np.testing.assert_array_equal(table.frame["valve"], [1, 0, 1, 1])
+    np.testing.assert_array_equal(table.frame["since"], TIMES)
+    assert table.stamped == {"since"}
+    assert table.words == {"state": "on"}
+
+
+def test_a_cell_of_parquet_that_is_no_number_is_named(tmp_path):
+    with pytest.raises(
+        DataError, match=r"record\.parquet, row 2 of the values, column 'u': 'x' is not a number"
+    ):
+        parquet(tmp_path, pd.DataFrame({"u": ["1", "x"], "y": [1.0, 2.0]}))
+
+
+def test_a_damaged_parquet_file_is_named(tmp_path):
+    pytest.importorskip("pyarrow", reason="parquet needs pyarrow")
+    path = tmp_path / "cut.parquet"
+    path.write_bytes(b"PAR1 and no more")
+    with pytest.raises(DataError, match=r"cut\.parquet cannot be read as parquet: "):
+        read_table(str(path))
+
+
+def test_without_pyarrow_parquet_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    path = tmp_path / "record.parquet"
+    path.write_bytes(b"PAR1")
+    with pytest.raises(DataError, match=r'pip install "narx-sklearn\[parquet\]"'):
+        read_table(str(path))
+
+
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_missing_file_and_bytes_that_are_no_text_are_told(tmp_path):

@@ -66,6 +66,13 @@ def cubic():
     return DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y), u, y, truth
 
 
+@pytest.fixture(scope="module")
+def short():
+    """A fit in a second, for what does not depend on how much there is to find."""
+    u, y, _ = record("cubic_stiffness", n=1200)
+    return DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"]).fit(u, y), u, y
+
+
 class TestVerdicts:
     @pytest.mark.parametrize("kind", ["coulomb_friction", "dead_zone"])
     def test_the_missing_effect_is_named_first(self, kind):
@@ -170,35 +177,36 @@ class TestInScikitLearn:
         np.testing.assert_array_equal(again.predict(u), dx.predict(u))
         assert clone(dx).get_params()["effects"] == SOME
 
-    def test_the_same_record_gives_the_same_diagnosis(self, cubic):
-        dx, u, y, _ = cubic
+    def test_the_same_record_gives_the_same_diagnosis(self, short):
+        dx, u, y = short
         again = clone(dx).fit(u, y)
         assert again.report_ == dx.report_
 
-    def test_dataframes_are_read_by_name(self, cubic):
-        dx, u, y, _ = cubic
+    def test_dataframes_are_read_by_name(self, short):
+        dx, u, y = short
         frame = pd.DataFrame({"temperature [K]": 300.0, "drive [V]": u})
         again = clone(dx).fit(frame, y)
         assert again.findings_ == dx.findings_
 
     def test_cross_validation_judges_the_augmented_free_run(self):
-        u, y, _ = record("cubic_stiffness", n=1800)
+        u, y, _ = record("cubic_stiffness", n=1500)
         dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
         assert cross_val_score(dx, u, y, cv=TimeSeriesSplit(2)).min() > 0.99
 
-    def test_read_only_non_contiguous_and_single_precision_arrays_are_taken(self):
-        u, y, _ = record("cubic_stiffness", n=1200)
+    def test_read_only_non_contiguous_and_single_precision_arrays_are_taken(self, short):
+        dx, u, y = short
         wide = np.asfortranarray(np.column_stack([u, u]))[:, :1]
         wide.flags.writeable = False
-        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"]).fit(wide, y.astype(np.float32))
-        assert dx.findings_[0].effect == "cubic_stiffness"
+        again = clone(dx).fit(wide, y.astype(np.float32))
+        assert again.findings_[0].effect == "cubic_stiffness"
 
     def test_gaps_and_sessions_do_not_stop_it(self):
-        u, y, _ = record("cubic_stiffness", n=2400)
-        u[500:510] = np.nan
-        y[900:950] = np.nan
-        sessions = np.repeat(["a", "b"], 1200)
-        dx = DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y, sessions=sessions)
+        u, y, _ = record("cubic_stiffness", n=1600)
+        u[300:310] = np.nan
+        y[600:650] = np.nan
+        sessions = np.repeat(["a", "b"], 800)
+        effects = ["cubic_stiffness", "quadratic_drag"]
+        dx = DiscrepancyRegressor(nominal(), effects=effects).fit(u, y, sessions=sessions)
         assert dx.findings_[0].effect == "cubic_stiffness"
 
 

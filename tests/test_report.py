@@ -1,5 +1,6 @@
 """The HTML report: complete in itself, escaped, readable by machines and people, and quiet in a browser."""
 
+import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
@@ -19,7 +20,7 @@ from narx_sklearn.report._words import number
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
-HOSTILE = "<script>alert('x')</script> & \"$a_b$\" -->"
+HOSTILE = '<script>alert(\'x\')</script> & "$a_b$" --> \\$ id="b" url(#c) #012345 ]]>'
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
@@ -126,7 +127,7 @@ def test_the_numbers_of_the_diagnosis_are_in_the_page(page, case):
 
 @pytest.fixture(scope="module")
 def hostile_page():
-    dx, u, y = diagnosed(true_stage, names=(HOSTILE, f"2{HOSTILE}"))
+    dx, u, y = diagnosed(true_stage, names=(HOSTILE, f"2{HOSTILE}"), effects=["cubic_stiffness"])
     return render_report(dx, u, y, title=HOSTILE, source=HOSTILE, notes=[HOSTILE])
 
 
@@ -135,10 +136,12 @@ def test_hostile_names_stay_text(hostile_page):
     parsed = Page(hostile_page)
     assert not parsed.all("script")
     assert any("<script>alert('x')</script>" in text for text in parsed.text)
+    pictures = re.findall(r"<svg.*?</svg>", hostile_page, re.DOTALL)
+    assert any(HOSTILE in text for picture in pictures for text in Page(picture).text)
 
 
 def test_a_consistent_simulation_gets_a_report_without_findings():
-    dx, u, y = diagnosed(stage)
+    dx, u, y = diagnosed(stage, effects=["cubic_stiffness"])
     assert dx.verdict_ in ("refit", "consistent")
     page = render_report(dx, u, y)
     assert "No effect was added." in page

@@ -216,7 +216,7 @@ def binary(rng, n):
 
 
 def test_false_alarm_rate_of_each_test_is_nominal():
-    n_seeds = 300
+    n_seeds = 150
     counts = false_alarms(500, n_seeds, slow, "laplace", n_resamples=39)
     counts.pop("verdict")  # 39 surrogates are too few for Holm's correction
     # two-sided binomial bounds at 1e-4 for each of the nine tests
@@ -240,7 +240,7 @@ def test_false_alarm_rates_are_nominal_for_any_input_and_noise(make_u, noise, n_
 
 
 def test_colour_alone_is_not_taken_for_missed_dynamics():
-    n_seeds, alarms, found = 60, 0, 0
+    n_seeds, alarms, found = 30, 0, 0
     for seed in range(n_seeds):
         rng = np.random.default_rng([12, seed])
         xi, u = coloured(rng, 400, 0.9), coloured(rng, 400, 0.95)

@@ -8,8 +8,8 @@ import pandas as pd
 
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._sampling import Sampled, find_column, sample_evenly
-from narx_sklearn.cli._tables import read_table
+from narx_sklearn.cli._sampling import find_column, sample_evenly
+from narx_sklearn.cli._tables import Table, read_table
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
 OUTPUT = re.compile(r"(y|output|measured|y_?meas(ured)?|out)_?\d*$", re.IGNORECASE)
@@ -60,14 +60,10 @@ def read_recording(source: str, options, *, simulated: bool = False, inputs=(), 
     Recording
     """
     table = read_table(source)
-    sampled = sample_evenly(table, dt=options.dt, time=options.time, resample=options.resample)
-    frame, sessions = sampled.frame, sampled.sessions
-    if options.session is not None:
-        label = find_column(list(frame.columns), options.session, "--session")
-        cuts = np.flatnonzero(frame[label].to_numpy()[1:] != frame[label].to_numpy()[:-1])
-        sessions = sessions + np.bincount(cuts + 1, minlength=len(frame)).cumsum()
-        frame = frame.drop(columns=label)
-    u, y, y_sim = choose_columns(frame, options, simulated, inputs, outputs)
+    sampled = sample_evenly(
+        table, dt=options.dt, time=options.time, session=options.session, resample=options.resample
+    )
+    u, y, y_sim = choose_columns(table, sampled.frame, options, simulated, inputs, outputs)
     notes = [*sampled.notes, f"Inputs: {', '.join(u)}. Outputs: {', '.join(y)}."]
     chosen = pd.concat([u, y] + ([y_sim] if y_sim is not None else []), axis=1)
     _check_values(chosen, table.source)
@@ -76,19 +72,19 @@ def read_recording(source: str, options, *, simulated: bool = False, inputs=(), 
         notes.append(
             f"{missing} of {len(chosen)} samples lack a value; they are left out, nothing is filled in."
         )
-    return Recording(u, y, y_sim, sampled.dt, sessions, tuple(notes))
+    return Recording(u, y, y_sim, sampled.dt, sampled.sessions, tuple(notes))
 
 
-def choose_columns(frame: pd.DataFrame, options, simulated: bool, inputs=(), outputs=()):
-    """Return the inputs, outputs and simulated outputs (or None) of a table.
+def choose_columns(table: Table, frame: pd.DataFrame, options, simulated: bool, inputs=(), outputs=()):
+    """Return the inputs, outputs and simulated outputs (or None) of a table, out of its signals ``frame``.
 
     Options decide; then the simulator's names; then usual names such as ``u``, ``y`` and ``y_sim``; and where
     no name helps, two columns are u and y, and three are u, y and y_sim.
     """
     labels = list(frame.columns)
-    u = _asked(labels, options.u, "--u") or _named(labels, inputs)
-    y = _asked(labels, options.y, "--y") or _named(labels, outputs)
-    y_sim = _asked(labels, getattr(options, "y_sim", None), "--y-sim")
+    u = asked_columns(table, labels, options.u, "--u") or _named(labels, inputs)
+    y = asked_columns(table, labels, options.y, "--y") or _named(labels, outputs)
+    y_sim = asked_columns(table, labels, options.y_sim, "--y-sim") if simulated else []
     free = [label for label in labels if label not in {*u, *y, *y_sim}]
     if simulated and not y_sim:
         y_sim = [label for label in free if SIMULATED.match(split_unit(label)[0])]
@@ -108,7 +104,8 @@ def choose_columns(frame: pd.DataFrame, options, simulated: bool, inputs=(), out
     if lacking:
         raise UsageError(
             f"Which column is which cannot be told from {', '.join(map(repr, labels))}. Say it with "
-            f"{' and '.join(lacking)} (a name, or the column's number; several with commas)."
+            f"{' and '.join(lacking)} (a name, or the column's number in the file; several with commas)."
+            + (" Or give the simulation with --model file.py:simulator." if "--y-sim" in lacking else "")
         )
     if simulated and len(y_sim) != len(y):
         raise UsageError(
@@ -117,8 +114,24 @@ def choose_columns(frame: pd.DataFrame, options, simulated: bool, inputs=(), out
     return frame[u], frame[y], frame[y_sim] if simulated else None
 
 
-def _asked(labels, option: str | None, name: str) -> list[str]:
-    return [find_column(labels, part, name) for part in option.split(",")] if option else []
+def asked_columns(table: Table, signals: list[str], asked: str | None, option: str) -> list[str]:
+    """Return the labels that an option names, with commas between; none where it was not given.
+
+    A column's number counts all columns of the file; what it finds must be among the ``signals``.
+    """
+    if asked is None:
+        return []
+    labels = list(map(str, table.frame))
+    parts = [asked] if asked in labels else asked.split(",")
+    found = [find_column(labels, part.strip(), option) for part in parts]
+    for label in found:
+        if label in table.words:
+            raise UsageError(
+                f"{option} {asked}: column {label!r} holds words such as {table.words[label]!r}, not numbers."
+            )
+        if label not in signals:
+            raise UsageError(f"{option} {asked}: column {label!r} is the time, or tells sessions apart.")
+    return found
 
 
 def _named(labels, names) -> list[str]:
@@ -145,6 +158,3 @@ def last_part(sessions: np.ndarray, share: float) -> np.ndarray:
     for piece in session_slices(sessions, sessions.size):
         held_out[piece.stop - round(share * (piece.stop - piece.start)) : piece.stop] = True
     return held_out
-
-
-__all__ = ["Recording", "Sampled", "choose_columns", "last_part", "read_recording"]

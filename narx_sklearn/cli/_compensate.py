@@ -3,11 +3,11 @@
 import numpy as np
 
 from narx_sklearn._validation import split_unit
-from narx_sklearn.cli._columns import read_recording
+from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
-from narx_sklearn.cli._sampling import find_column, sample_evenly
+from narx_sklearn.cli._sampling import sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import InverseCompensator, IsolatedCompensator, RootCompensator
 from narx_sklearn.model import NARXModel
@@ -23,10 +23,13 @@ def run(options) -> None:
         raise UsageError("Give either --model, as `identify --save` wrote it, or --record, to identify one.")
     if options.reference == options.record == "-":
         raise UsageError("Reference and record cannot both come from standard input.")
+    for option in ("u", "y", "session"):
+        if options.record is None and getattr(options, option) is not None:
+            raise UsageError(f"--{option} names a column of --record, and there is none.")
     limits = None if options.limits is None else tuple(options.limits)
     compensator = METHODS[options.method](limits=limits, rate_limit=options.rate_limit)
     if options.model is not None:
-        model = _read_model(options.model)
+        model = NARXModel.load(options.model)
         compensator.set_params(model=model).fit()
         name, unit = model.inputs[0], model.units.get(model.inputs[0])
         label = f"{name} [{unit}]" if unit else name
@@ -52,10 +55,6 @@ def run(options) -> None:
     write_columns(options.output, {**columns, label: done.m})
 
 
-def _read_model(path: str) -> NARXModel:
-    return NARXModel.load(path)
-
-
 def _read_reference(options):
     """Return the columns to write (time, reference), the reference, and notes."""
     table = read_table(options.reference)
@@ -65,15 +64,11 @@ def _read_reference(options):
         table, dt=options.dt, time=options.time if own else None, resample=options.resample if own else None
     )
     labels = list(sampled.frame.columns)
-    if options.r is not None:
-        label = find_column(labels, options.r, "--r")
-    else:
-        named = [name for name in labels if split_unit(name)[0].lower() in REFERENCES]
-        if len(named) != 1 and len(labels) != 1:
-            raise UsageError(
-                f"Which column is the reference? Name it with --r; there are {', '.join(labels)}."
-            )
-        label = named[0] if len(named) == 1 else labels[0]
+    named = asked_columns(table, labels, options.r, "--r")
+    named = named or [name for name in labels if split_unit(name)[0].lower() in REFERENCES] or labels
+    if len(named) != 1:
+        raise UsageError(f"Which column is the reference? Name it with --r; there are {', '.join(labels)}.")
+    (label,) = named
     columns = {} if sampled.dt is None else {"time [s]": sampled.dt * np.arange(len(sampled.frame))}
     reference = sampled.frame[label].to_numpy()
     return {**columns, label: reference}, reference, list(sampled.notes)

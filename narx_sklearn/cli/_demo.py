@@ -93,5 +93,5 @@ def run(options) -> None:
         (f"A simulated stage with dry friction of {COULOMB} N, of which the simulation knows nothing.",),
     )
     tell_notes(recording.notes, options.quiet)
-    dx = DiscrepancyRegressor(demo_simulator(), random_state=0, verbose=0 if options.quiet else 1)
+    dx = DiscrepancyRegressor(demo_simulator(), random_state=0)
     tell_diagnosis(dx, recording, options, title="Demonstration", source="a simulated positioning stage")

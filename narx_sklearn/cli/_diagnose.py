@@ -1,15 +1,29 @@
 """``narx-sklearn diagnose``."""
 
 import math
+from importlib.util import find_spec
 
 from narx_sklearn.cli._columns import Recording, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._files import check_writable, replaced
+from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
+from narx_sklearn.cli._progress import progress
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.discrepancy import DiscrepancyRegressor, TraceSimulator
 
 LONGEST = 500  # samples of a proposed experiment
+STAGES = {  # share of the time, in per cent, that has usually passed when a stage begins
+    "check of the record": 0,
+    "fit of the simulator's own parameters": 10,
+    "colour of the noise": 12,
+    "search for missing physics": 35,
+    "search again, under the noise that the first effect leaves": 55,
+    "rivals and unnamed curves": 73,
+    "location": 82,
+    "verification on held-out samples": 84,
+    "experiment that would tell": 86,
+    "report": 88,
+}
 SAME_PERIOD = 0.01  # relative difference up to which the periods of record and simulator are one
 
 
@@ -30,8 +44,8 @@ def run(options) -> None:
     simulator = _trace(recording) if model is None else _checked(model, recording)
     dx = DiscrepancyRegressor(
         simulator,
-        effects=options.effects.split(",") if options.effects else "catalogue",
-        exclude=[code for code in options.exclude.split(",") if code],
+        effects=_codes(options.effects) or "catalogue",
+        exclude=_codes(options.exclude),
         alpha=options.alpha,
         level=options.level,
         max_effects=options.max_effects,
@@ -39,7 +53,6 @@ def run(options) -> None:
         test_fraction=options.test_fraction,
         random_state=options.seed,
         n_jobs=options.jobs,
-        verbose=0 if options.quiet else 1,
     )
     source = "standard input" if options.record == "-" else options.record
     tell_diagnosis(dx, recording, options, title="Diagnosis", source=source)
@@ -53,10 +66,8 @@ def check_targets(options) -> None:
         raise UsageError("--report needs a file name; text goes to standard output by itself.")
     if options.report:
         for package in ("jinja2", "matplotlib"):
-            try:
-                __import__(package)
-            except ImportError as error:
-                raise DataError(f'--report needs {package}: pip install "narx-sklearn[report]"') from error
+            if find_spec(package) is None:
+                raise DataError(f'--report needs {package}: pip install "narx-sklearn[report]"')
 
 
 def tell_diagnosis(
@@ -64,18 +75,27 @@ def tell_diagnosis(
 ) -> None:
     """Fit, and write what was asked for: words, JSON, the report."""
     y = recording.y.iloc[:, 0] if recording.y.shape[1] == 1 else recording.y
-    dx.fit(recording.u, y, sessions=recording.sessions)
+    with progress(STAGES, quiet=options.quiet) as begin:
+        dx._tell = begin  # type: ignore  # an estimator tells its stages by this method
+        dx.fit(recording.u, y, sessions=recording.sessions)
+        page = _page(dx, recording, y, begin, title=title, source=source) if options.report else None
     say(dx.report_, beside=options.json == "-")
     if options.json:
         write_json(options.json, diagnosis_content(dx))
-    if options.report:
-        from narx_sklearn.report import write_report
-
-        about = {"sessions": recording.sessions, "title": title, "source": source, "notes": recording.notes}
-        about["experiment"] = propose(dx, recording)
-        with replaced(options.report) as draft:
-            write_report(dx, draft, recording.u, y, **about)
+    if page is not None:
+        write_text(options.report, page)
         tell_notes([f"Report written to {options.report}."], options.quiet)
+
+
+def _page(dx: DiscrepancyRegressor, recording: Recording, y, begin, **about) -> str:
+    """Return the report as an HTML page, with the experiment that would separate look-alikes."""
+    from narx_sklearn.report import render_report
+
+    begin("experiment that would tell")
+    experiment = propose(dx, recording)
+    begin("report")
+    about |= {"sessions": recording.sessions, "notes": recording.notes, "experiment": experiment}
+    return render_report(dx, recording.u, y, **about)
 
 
 def propose(dx: DiscrepancyRegressor, recording: Recording):
@@ -85,6 +105,10 @@ def propose(dx: DiscrepancyRegressor, recording: Recording):
     u = recording.u.iloc[:, 0]
     half, middle = (u.max() - u.min()) / 2, (u.max() + u.min()) / 2
     return dx.next_experiment(half, min(len(u), LONGEST), offset=middle)
+
+
+def _codes(text: str) -> list[str]:
+    return [code.strip() for code in text.split(",") if code.strip()]
 
 
 def _trace(recording: Recording) -> TraceSimulator:

@@ -35,36 +35,44 @@ def replaced(target: str) -> Iterator[str]:
     """Give the name of a draft beside the target, and put it in the target's place when all went well.
 
     Whatever interrupts the writing, the target is the old file, the new one, or not there; never a half.
+    A link stays a link, to a new file; a device or a named pipe is written to as it is.
     """
-    path = Path(target)
     try:
-        handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent or ".")
+        if _is_special(target):
+            yield target
+            return
+        path = Path(os.path.realpath(target))
+        handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        os.close(handle)
+        try:
+            yield draft
+            os.chmod(draft, 0o666 & ~_umask())
+            os.replace(draft, path)
+        finally:
+            Path(draft).unlink(missing_ok=True)
     except OSError as error:
-        raise DataError(f"Cannot write {target}: {error.strerror}.") from error
-    os.close(handle)
-    try:
-        yield draft
-        os.chmod(draft, 0o666 & ~_umask())
-        os.replace(draft, path)
-    except OSError as error:
-        Path(draft).unlink(missing_ok=True)
         raise DataError(f"Cannot write {target}: {error.strerror or error}.") from error
-    except BaseException:
-        Path(draft).unlink(missing_ok=True)
-        raise
 
 
 def check_writable(target: str | None) -> None:
     """Raise before long work, rather than after it, where a result could not be written."""
     if target in (None, "-"):
         return
-    path = Path(target)
+    path = Path(os.path.realpath(target))
     if path.is_dir():
         raise DataError(f"Cannot write {target}: it is a folder. Name a file in it.")
+    if _is_special(target):
+        return
     if not path.parent.is_dir():
-        raise DataError(f"Cannot write {target}: there is no folder {path.parent}. Make it first.")
+        raise DataError(f"Cannot write {target}: there is no folder {Path(target).parent}. Make it first.")
     if not os.access(path.parent, os.W_OK):
-        raise DataError(f"Cannot write {target}: the folder {path.parent} may not be written to.")
+        raise DataError(f"Cannot write {target}: the folder {Path(target).parent} may not be written to.")
+
+
+def _is_special(target: str) -> bool:
+    """Tell whether a target is a device, a pipe or a terminal, which is written to and never replaced."""
+    path = Path(target)
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _umask() -> int:

@@ -9,10 +9,12 @@ from narx_sklearn.cli._columns import Recording, last_part, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import say, tell_notes, write_json
+from narx_sklearn.cli._progress import progress
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
-from narx_sklearn.model import free_run
+from narx_sklearn.model import free_run, predict_one_step
 
+STAGES = {"identification": 0, "free run": 95, "residual tests": 96}  # per cent of the time, as measured
 EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
 
 
@@ -27,9 +29,13 @@ def run(options) -> None:
     recording = read_recording(options.record, options)
     tell_notes(recording.notes, options.quiet)
     held_out = last_part(recording.sessions, options.test_fraction)
-    narx = identify(recording, ~held_out, options)
-    metrics = _metrics(narx, recording, held_out)
-    tests = _tests(narx, recording, ~held_out)
+    with progress(STAGES, quiet=options.quiet) as begin:
+        begin("identification")
+        narx = identify(recording, ~held_out, options)
+        begin("free run")
+        metrics = _metrics(narx, recording, held_out)
+        begin("residual tests")
+        tests = _tests(narx, recording, ~held_out)
     beside = "-" in (options.save, options.json)
     say(
         f"{narx.model_.to_text()}\n\n{narx.summary().to_string(index=False, float_format='%.5g')}\n",
@@ -71,35 +77,39 @@ def _folds(sessions) -> int:
 
 
 def _metrics(narx, recording: Recording, held_out: np.ndarray) -> dict[str, float]:
-    """Return errors on the held-out part, or on all where nothing was held out."""
+    """Return errors on the held-out part, or on all where nothing was held out.
+
+    Judged are the samples whose lagged values are all known, so that no initial condition counts as a hit.
+    """
     judged = held_out if held_out.any() else np.ones(held_out.size, dtype=bool)
     where = "held_out" if held_out.any() else "fitted"
-    u, y = recording.u[judged].to_numpy(), recording.y[judged].to_numpy()
+    X, y = recording.u[judged], recording.y[judged].to_numpy()
     sessions = recording.sessions[judged]
-    simulated = free_run(narx.model_, u, y_init=y, sessions=sessions).y.reshape(y.shape)
-    predicted = np.asarray(
-        narx.predict_one_step(recording.u[judged], y if y.shape[1] > 1 else y[:, 0], sessions)
-    )
-    known = np.isfinite(simulated).all(axis=1) & np.isfinite(y).all(axis=1)
+    simulated = free_run(narx.model_, X, y_init=y, sessions=sessions).y
+    predicted = predict_one_step(narx.model_, X, y, sessions=sessions)
+    known = np.isfinite(predicted).all(axis=1) & np.isfinite(y).all(axis=1)
     if not known.any():
         raise DataError(
-            "The free run of the model left the finite range at once; try fewer lags or a lower degree."
+            f"The {where.replace('_', '-')} part has no sample whose {narx.model_.max_lag} predecessors are "
+            "all known. Pass a longer record, or another --test-fraction."
         )
-    one_step = np.where(np.isnan(predicted.reshape(y.shape)), y, predicted.reshape(y.shape))
+    y, simulated, predicted = y[known], simulated[known], predicted[known]
+    simulated = np.nan_to_num(simulated, nan=np.inf)  # where the run has left the finite range
     return {
-        f"{where}_free_run_rmse": float(rmse(y[known], simulated[known])),
-        f"{where}_free_run_nrmse": float(nrmse(y[known], simulated[known])),
-        f"{where}_one_step_nrmse": float(nrmse(y[known], one_step[known])),
+        f"{where}_free_run_rmse": float(rmse(y, simulated)),
+        f"{where}_free_run_nrmse": float(nrmse(y, simulated)),
+        f"{where}_one_step_nrmse": float(nrmse(y, predicted)),
     }
 
 
-def _tests(narx, recording: Recording, chosen: np.ndarray):
-    """Return the residual tests of the first output on the fitted part."""
-    y = recording.y[chosen].to_numpy()
-    y = y if y.shape[1] > 1 else y[:, 0]
-    sessions = recording.sessions[chosen]
-    residual = y - narx.predict_one_step(recording.u[chosen], y, sessions)
-    if np.nanstd(residual) <= EXACT * np.nanstd(y):
-        return "The model leaves nothing over: its residuals are zero to rounding."
-    first = (residual.reshape(len(residual), -1)[:, 0], recording.u[chosen], y.reshape(len(y), -1)[:, 0])
-    return residual_tests(*first, sessions=sessions, n_resamples=199).verdict
+def _tests(narx, recording: Recording, chosen: np.ndarray) -> str:
+    """Return what the residual tests of each output say about the fitted part."""
+    X, y, sessions = recording.u[chosen], recording.y[chosen].to_numpy(), recording.sessions[chosen]
+    residuals = y - predict_one_step(narx.model_, X, y, sessions=sessions)
+    told = []
+    for label, residual, output in zip(recording.y, residuals.T, y.T, strict=True):
+        said = "The model leaves nothing over: its residuals are zero to rounding."
+        if np.nanstd(residual) > EXACT * np.nanstd(output):
+            said = residual_tests(residual, X, output, sessions=sessions, n_resamples=199).verdict
+        told.append(f"{label}: {said}" if y.shape[1] > 1 else said)
+    return "\n".join(told)

@@ -10,11 +10,13 @@ from narx_sklearn.cli._errors import DataError
 
 SEPARATORS = (";", "\t", ",", "|", r"\s+")
 LOOKED_AT = 60  # lines
+LONGEST_UNIT = 8  # letters
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?", "missing"})
 NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$|[+-]?inf(inity)?$", re.IGNORECASE),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?$|[+-]?inf(inity)?$", re.IGNORECASE),
 }
+COMMENT = re.compile(r"^[ \t]*#(?!n/a).*$", re.IGNORECASE | re.MULTILINE)  # a line, not a missing value
 STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?)?$")
 
 
@@ -70,8 +72,8 @@ def guess_layout(text: str, source: str = "the table") -> Layout:
     >>> layout.separator, layout.decimal, layout.names, layout.first_row
     (';', ',', ('time [s]', 'drive [V]'), 1)
     """
-    lines = [(i, line) for i, line in enumerate(text.splitlines()) if line.strip()]
-    lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")][:LOOKED_AT]
+    lines = [(i, line) for i, line in enumerate(COMMENT.sub("", text).splitlines()) if line.strip()]
+    lines = lines[:LOOKED_AT]
     if not lines:
         raise DataError(f"{source} is empty: it holds no line of values.")
     best = None
@@ -96,10 +98,9 @@ def guess_layout(text: str, source: str = "the table") -> Layout:
         )
     _, separator, decimal, rows, width = best
     names, has_header, first = _header(rows, width, decimal)
-    row = lines[first][0] if first < len(lines) else len(text.splitlines())
     if first >= len(lines):
         raise DataError(f"{source} has a header but no line of values.")
-    return Layout(separator, decimal, names, has_header, row)
+    return Layout(separator, decimal, names, has_header, lines[first][0])
 
 
 def _header(rows: list[list[str]], width: int, decimal: str) -> tuple[tuple[str, ...], bool, int]:
@@ -108,13 +109,10 @@ def _header(rows: list[list[str]], width: int, decimal: str) -> tuple[tuple[str,
     above = [row for row in rows[:first] if len(row) == width]
     if not above:
         return tuple(f"column {i + 1}" for i in range(width)), False, first
-    labels = above[0] if len(above) == 1 or not _are_units(above[-1]) else above[-2]
-    if len(above) > 1 and _are_units(above[-1]):
-        labels = [_with_unit(label, unit) for label, unit in zip(labels, above[-1], strict=True)]
-    elif len(above) > 1:
-        labels = above[-1]
-    labels = [label.strip() or f"column {i + 1}" for i, label in enumerate(labels)]
-    return tuple(labels), True, first
+    labels = above[-1]
+    if len(above) > 1 and _are_units(labels):
+        labels = [_with_unit(label, unit) for label, unit in zip(above[-2], labels, strict=True)]
+    return tuple(label.strip() or f"column {i + 1}" for i, label in enumerate(labels)), True, first
 
 
 def _is_data(row: list[str], width: int, decimal: str) -> bool:
@@ -126,7 +124,8 @@ def _is_data(row: list[str], width: int, decimal: str) -> bool:
 
 
 def _are_units(row: list[str]) -> bool:
-    return all(len(cell.strip().strip("[]()")) <= 8 and split_unit(cell)[0] is not None for cell in row)
+    """Tell whether the cells below a header are short enough to be its units."""
+    return all(len(cell.strip().strip("[]()")) <= LONGEST_UNIT for cell in row)
 
 
 def _with_unit(label: str, unit: str) -> str:

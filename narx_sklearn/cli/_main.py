@@ -9,6 +9,7 @@ from importlib import import_module
 
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._parser import make_parser
+from narx_sklearn.cli._progress import write_beside
 from narx_sklearn.exceptions import NarxWarning
 
 PROGRAM = "narx-sklearn"
@@ -73,4 +74,4 @@ def _tell(options, error: BaseException, sentence: str, code: int) -> int:
 
 def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
     if issubclass(category, NarxWarning):
-        print(f"{PROGRAM}: note: {message}", file=sys.stderr)
+        write_beside(f"{PROGRAM}: warning: {message}")

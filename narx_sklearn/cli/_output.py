@@ -41,8 +41,8 @@ def plain(value):
     """
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, pd.DataFrame):
-        return [plain(row) for row in value.reset_index().to_dict("records")]
+    if isinstance(value, pd.DataFrame):  # one object a row; an index without a name only numbers them
+        return [plain(row) for row in value.reset_index(drop=value.index.name is None).to_dict("records")]
     if isinstance(value, list | tuple | np.ndarray):
         return [plain(item) for item in value]
     if isinstance(value, bool | np.bool_):
@@ -62,8 +62,8 @@ def write_columns(target: str, columns: dict[str, np.ndarray]) -> None:
 def diagnosis_content(dx) -> dict:
     """Return a fitted diagnosis as plain values."""
     settings = {k: v for k, v in dx.get_params(deep=False).items() if k not in ("simulator", "verbose")}
-    location = getattr(dx, "location_", None)
-    content = {
+    tables = ("ports", "segments", "regions", "bands")
+    return {
         "format": "narx_sklearn diagnosis",
         "version": __version__,
         "verdict": dx.verdict_,
@@ -72,10 +72,7 @@ def diagnosis_content(dx) -> dict:
         "parameters": dx.parameters_,
         "scores": dx.scores_,
         "noise": dx.noise_,
-        "data_findings": [str(finding) for finding in getattr(dx, "data_findings_", ())],
+        "data_findings": [str(finding) for finding in dx.data_findings_],
         "settings": settings,
+        "location": {name: getattr(dx.location_, name) for name in tables},
     }
-    if location is not None:
-        names = ("ports", "segments", "regions", "bands")
-        content["location"] = {name: getattr(location, name) for name in names}
-    return content

@@ -8,7 +8,7 @@ RECORD_HELP = """\
 The record is a table (csv, tsv, txt or parquet; - for standard input) with one line for each sample.
 Separator, decimal comma, header, units in brackets and a time column are found out, and what was found is
 told. An empty cell is a missing value, a step in time a gap. Columns called u, y, y_sim or time need no
-option.
+option; the others are named, or numbered from 1 as they stand in the file.
 """
 
 DIAGNOSE = f"""\
@@ -97,7 +97,7 @@ def _command(commands, name: str, help: str, text: str) -> argparse.ArgumentPars
 
 def _record_options(parser, *, y_sim: bool = False) -> None:
     group = parser.add_argument_group("columns and time")
-    group.add_argument("--u", metavar="NAMES", help="input columns, by name or number, with commas between")
+    group.add_argument("--u", metavar="NAMES", help="input columns, with commas between")
     group.add_argument("--y", metavar="NAMES", help="output columns")
     if y_sim:
         group.add_argument("--y-sim", metavar="NAMES", help="simulated outputs, in the order of the outputs")
@@ -125,23 +125,25 @@ def _diagnose(parser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
     _record_options(parser, y_sim=True)
     group = parser.add_argument_group("diagnosis")
-    group.add_argument("--effects", metavar="CODES", help="look for these effects only, with commas between")
+    group.add_argument(
+        "--effects", metavar="CODES", default="", help="look for these effects only, with commas between"
+    )
     group.add_argument("--exclude", metavar="CODES", default="", help="effects that are not looked for")
     group.add_argument(
-        "--alpha", type=float, default=0.01, help="chance of a false alarm (default: %(default)s)"
+        "--alpha", type=float, default=0.005, help="chance of a false alarm (default: %(default)s)"
     )
     group.add_argument(
         "--level", type=float, default=0.9, help="level of all intervals (default: %(default)s)"
     )
     group.add_argument(
-        "--max-effects", type=int, default=3, help="most effects together (default: %(default)s)"
+        "--max-effects", type=int, default=2, help="most effects together (default: %(default)s)"
     )
     group.add_argument("--window", type=int, metavar="SAMPLES", help="length of a fitting window")
     group.add_argument(
         "--test-fraction", type=float, default=0.2, help="last share held out (default: %(default)s)"
     )
     group.add_argument("--seed", type=int, default=0, help="of all random draws (default: %(default)s)")
-    group.add_argument("--jobs", type=int, help="threads")
+    group.add_argument("--jobs", type=int, metavar="N", help="threads (default: 1)")
 
 
 def _identify(parser) -> None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn._validation import finite_slices, session_slices, split_unit
+from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._tables import Table
 
@@ -23,7 +23,7 @@ class Sampled(NamedTuple):
     Attributes
     ----------
     frame : DataFrame of shape (n_samples, n_signals)
-        Everything but the time.
+        The numbers; time, sessions and words left out.
     dt : float or None
         Sampling period, s; None where neither a time column nor an option gives it.
     sessions : ndarray of shape (n_samples,)
@@ -39,7 +39,12 @@ class Sampled(NamedTuple):
 
 
 def sample_evenly(
-    table: Table, *, dt: float | None = None, time: str | None = None, resample: float | None = None
+    table: Table,
+    *,
+    dt: float | None = None,
+    time: str | None = None,
+    session: str | None = None,
+    resample: float | None = None,
 ) -> Sampled:
     """Find the sampling period of a table and cut it at gaps.
 
@@ -51,6 +56,8 @@ def sample_evenly(
         Sampling period, s; where given, the table's time column is set aside.
     time : str, optional
         Name of the time column; guessed from names and time stamps when not given.
+    session : str, optional
+        Name of a column whose changes begin another recording, in which time may begin anew.
     resample : float, optional
         Interpolate linearly onto a grid of this period, s; 0 takes the median step.
 
@@ -60,48 +67,69 @@ def sample_evenly(
 
     Raises
     ------
+    UsageError
+        If an option names no column, or resampling was asked for where nothing tells the time.
     DataError
         If time is missing in places, runs backwards, or is uneven and no resampling was asked for.
     """
     column = _time_column(table, time)
-    frame = table.frame if column is None else table.frame.drop(columns=column)
-    one_session = np.zeros(len(frame), dtype=int)
+    label = None if session is None else find_column(list(map(str, table.frame)), session, "--session")
+    frame = table.frame.drop(columns={column, label, *table.words} - {None})
+    same = np.ones(max(len(frame) - 1, 0), dtype=bool) if label is None else _same_session(table, label)
     if column is None and resample is not None:
         raise UsageError("--resample needs a time column; name it with --time.")
     if column is None or (dt is not None and resample is None):
-        return Sampled(frame, dt, one_session, table.notes)
+        return Sampled(frame, dt, _numbered(~same), table.notes)
     t, notes = _in_seconds(table, column)
     notes = [*table.notes, *notes]
-    _check_forward(t, column, table.source)
-    if t.size < 2:
-        raise DataError(f"{table.source} has {t.size} samples; a sampling period needs at least 2.")
-    period = float(np.median(np.diff(t))) if not resample else float(resample)
+    steps = np.diff(t)
+    if not same.any():
+        raise DataError(
+            f"{table.source} has {t.size} samples; a sampling period needs at least 2 of one recording."
+        )
+    _check_forward(t, same, column, table.source)
+    period = resample or float(np.median(steps[same]))
     if resample is not None:
-        frame, sessions = _resampled(frame, t, period)
+        frame, sessions = _resampled(frame, t, same, period)
         notes.append(f"Resampled onto a grid of {period:.6g} s: {len(frame)} samples.")
         return Sampled(frame, period, sessions, tuple(notes))
-    steps = np.diff(t) / period
-    off = np.abs(steps - np.maximum(np.round(steps), 1))
+    whole = np.maximum(np.round(steps / period), 1)
+    off = np.where(same, np.abs(steps / period - whole), 0.0)
     if off.max() > UNEVEN:
-        worst = int(np.argmax(off))
         raise DataError(
-            f"The sampling is uneven: steps of column {column!r} lie between {np.diff(t).min():.6g} s and "
-            f"{np.diff(t).max():.6g} s, median {period:.6g} s (worst after row {worst + 1}). Pass --resample "
-            "to interpolate onto an even grid of the median step, or --resample 0.01 for one of 0.01 s."
+            f"The sampling is uneven: steps of column {column!r} lie between {steps[same].min():.6g} s and "
+            f"{steps[same].max():.6g} s, median {period:.6g} s (worst after row {np.argmax(off) + 1}). Pass "
+            "--resample to interpolate onto an even grid of the median step, or --resample 0.01 for one of "
+            "0.01 s."
         )
-    whole = np.round(steps)
-    period = float((t[-1] - t[0]) / whole.sum())
+    period = float(steps[same].sum() / whole[same].sum())
     if off.max() > JITTER:
         notes.append(f"Time stamps jitter by up to {100 * off.max():.2g} % of a period; taken as even.")
-    gaps = np.flatnonzero(whole > 1)
-    if gaps.size:
+    gaps = same & (whole > 1)
+    if gaps.any():
         notes.append(
-            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} in time, the longest of "
-            f"{(whole.max() - 1) * period:.4g} s; nothing reaches across."
+            f"{gaps.sum()} gap{'s' if gaps.sum() > 1 else ''} in time, the longest of "
+            f"{(whole[gaps].max() - 1) * period:.4g} s; nothing reaches across."
         )
     notes.append(f"Sampling period {period:.6g} s, from column {column!r}.")
-    sessions = np.concatenate([[0], np.cumsum(whole > 1)])
-    return Sampled(frame, period, sessions, tuple(notes))
+    return Sampled(frame, period, _numbered(~same | gaps), tuple(notes))
+
+
+def _same_session(table: Table, label: str) -> np.ndarray:
+    """Tell of each sample but the first whether it goes on with the recording of the one before."""
+    values = table.frame[label].to_numpy()
+    lost = np.flatnonzero(np.isnan(values))
+    if lost.size:
+        raise DataError(
+            f"Column {label!r} of {table.source} names no session in row {lost[0] + 1} of the values "
+            f"({lost.size} in all). Fill it in."
+        )
+    return values[1:] == values[:-1]
+
+
+def _numbered(edges: np.ndarray) -> np.ndarray:
+    """Return the number of the recording that each sample belongs to, from where another one begins."""
+    return np.concatenate([[0], np.cumsum(edges)])
 
 
 def _time_column(table: Table, asked: str | None) -> str | None:
@@ -135,37 +163,33 @@ def _in_seconds(table: Table, column: str) -> tuple[np.ndarray, list[str]]:
     return t * SECONDS[unit or "s"], [] if unit else [f"Column {column!r} has no unit; taken as seconds."]
 
 
-def _check_forward(t: np.ndarray, column: str, source: str) -> None:
-    back = np.flatnonzero(np.diff(t) <= 0)
+def _check_forward(t: np.ndarray, same: np.ndarray, column: str, source: str) -> None:
+    back = np.flatnonzero(same & (np.diff(t) <= 0))
     if back.size:
         k = int(back[0])
         what = "stands still" if t[k + 1] == t[k] else "runs backwards"
         raise DataError(
             f"Time {what} in {source} after row {k + 1} of the values: column {column!r} goes from "
-            f"{t[k]:.6g} s to {t[k + 1]:.6g} s ({back.size} such places). Sort the rows or take out "
-            "repeated ones, or pass the sampling period with --dt."
+            f"{t[k]:.6g} s to {t[k + 1]:.6g} s ({back.size} of {len(t) - 1} steps). "
+            "Sort the rows or take out repeated ones; name the column that tells recordings apart with "
+            "--session; or pass the sampling period with --dt."
         )
 
 
-def _resampled(frame: pd.DataFrame, t: np.ndarray, period: float) -> tuple[pd.DataFrame, np.ndarray]:
+def _resampled(
+    frame: pd.DataFrame, t: np.ndarray, same: np.ndarray, period: float
+) -> tuple[pd.DataFrame, np.ndarray]:
     """Interpolate linearly between long gaps; a missing value makes its neighbours so."""
-    if not period > 0:
-        raise UsageError(f"--resample is a sampling period in seconds and must be positive, got {period:g}.")
-    longest = 5 * max(float(np.median(np.diff(t))), period)
-    labels = np.concatenate([[0], np.cumsum(np.diff(t) > longest)])
+    steps = np.diff(t)
+    longest = 5 * max(float(np.median(steps[same])), period)
     parts, sessions = [], []
-    for number, piece in enumerate(session_slices(labels, t.size)):
+    pieces = session_slices(_numbered(~same | (steps > longest)), t.size)
+    for number, piece in enumerate(pieces):
         inside = t[piece]
         grid = inside[0] + period * np.arange(int((inside[-1] - inside[0]) / period * (1 + 1e-12)) + 1)
         parts.append(pd.DataFrame({c: np.interp(grid, inside, frame[c].to_numpy()[piece]) for c in frame}))
         sessions.append(np.full(grid.size, number))
     return pd.concat(parts, ignore_index=True), np.concatenate(sessions)
-
-
-def longest_gap_free(values: np.ndarray, sessions: np.ndarray) -> int:
-    """Return the length of the longest stretch inside one session in which all columns are known."""
-    runs = finite_slices(session_slices(sessions, len(values)), np.isfinite(values).all(axis=1))
-    return max((run.stop - run.start for run in runs), default=0)
 
 
 def find_column(labels: list[str], asked: str, option: str) -> str:

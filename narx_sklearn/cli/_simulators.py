@@ -2,7 +2,9 @@
 
 import importlib.util
 import sys
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from types import ModuleType
 
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -10,6 +12,8 @@ from narx_sklearn.discrepancy.simulator import Simulator
 
 def load_simulator(text: str) -> Simulator:
     """Return the simulator of a Python file.
+
+    What the file prints goes to standard error: standard output may carry the result.
 
     Parameters
     ----------
@@ -30,32 +34,49 @@ def load_simulator(text: str) -> Simulator:
     path, name = _parts(text)
     if not path.is_file():
         raise DataError(f"Cannot read the model {path}: there is no such file.")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise UsageError(f"--model {text}: wanted is a Python file, file.py:simulator.")
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(path.resolve().parent))  # so that the file may import what lies beside it
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise DataError(f"The model {path} raised {type(error).__name__}: {error}") from error
-    finally:
-        sys.path.pop(0)
-    held = {key: value for key, value in vars(module).items() if isinstance(value, Simulator)}
-    if name is None:
-        name = next(iter(held)) if len(held) == 1 else "simulator"
-    found = getattr(module, name, None)
-    if found is None:
-        there = f"it holds {', '.join(held)}" if held else "it holds no Simulator"
-        raise UsageError(f"--model {text}: {path} has no {name!r}; {there}.")
-    if not isinstance(found, Simulator) and callable(found):
-        found = found()
+    with redirect_stdout(sys.stderr):
+        module = _executed(path, text)
+        held = {key: value for key, value in vars(module).items() if isinstance(value, Simulator)}
+        if name is None:
+            name = next(iter(held)) if len(held) == 1 else "simulator"
+        found = getattr(module, name, None)
+        if found is None:
+            there = f"it holds {', '.join(held)}" if held else "it holds no Simulator"
+            raise UsageError(f"--model {text}: {path} has no {name!r}; {there}.")
+        if not isinstance(found, Simulator) and callable(found):
+            with _blamed_on(path):
+                found = found()
     if not isinstance(found, Simulator):
         raise UsageError(
-            f"--model {text}: {name!r} is a {type(found).__name__}; wanted is a Simulator such as "
+            f"--model {text}: {name!r} is of type {type(found).__name__}; wanted is a Simulator such as "
             "ODESimulator(...), or a function that returns one."
         )
     return found
+
+
+def _executed(path: Path, text: str) -> ModuleType:
+    called = f"_model_{path.stem}"  # so that a file named like a module of the library does not hide it
+    spec = importlib.util.spec_from_file_location(called, path)
+    if spec is None or spec.loader is None:
+        raise UsageError(f"--model {text}: wanted is a Python file, file.py:simulator.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[called] = module  # dataclasses look their module up there
+    beside = str(path.resolve().parent)
+    sys.path.insert(0, beside)  # so that the file may import what lies beside it
+    try:
+        with _blamed_on(path):
+            spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(beside)
+    return module
+
+
+@contextmanager
+def _blamed_on(path: Path):
+    try:
+        yield
+    except Exception as error:
+        raise DataError(f"The model {path} raised {type(error).__name__}: {error}") from error
 
 
 def _parts(text: str) -> tuple[Path, str | None]:

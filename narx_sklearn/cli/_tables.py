@@ -2,17 +2,21 @@
 
 import io
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from narx_sklearn.cli._errors import DataError
 from narx_sklearn.cli._files import read_bytes
-from narx_sklearn.cli._layout import MISSING, STAMP, Layout, guess_layout
+from narx_sklearn.cli._layout import COMMENT, MISSING, STAMP, Layout, guess_layout
 
 BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-WORDS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", r"\s+": "blanks"}
+SPOKEN = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", r"\s+": "blanks"}
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,8 @@ class Table:
         Numbers, NaN where missing; time stamps as seconds since the first.
     stamped : frozenset of str
         Labels of the columns that held time stamps.
+    words : dict of str to str
+        Labels of the columns that held words only, each with its first word; they are numbered in ``frame``.
     notes : tuple of str
         What was guessed, in sentences.
     source : str
@@ -33,6 +39,7 @@ class Table:
 
     frame: pd.DataFrame
     stamped: frozenset[str]
+    words: dict[str, str]
     notes: tuple[str, ...]
     source: str
 
@@ -57,7 +64,7 @@ def read_table(source: str) -> Table:
     content = read_bytes(source)
     called = "standard input" if source == "-" else source
     if content[:4] == b"PAR1":
-        return _from_frame(_read_parquet(content), called)
+        return _from_frame(_read_parquet(content, called), called)
     text, notes = _decoded(content, called)
     layout = guess_layout(text, called)
     notes.append(_told(layout))
@@ -76,75 +83,117 @@ def _decoded(content: bytes, source: str) -> tuple[str, list[str]]:
         return content.decode("cp1252", errors="replace"), ["Text is not UTF-8; read as Windows-1252."]
 
 
-def _read_parquet(content: bytes) -> pd.DataFrame:
+def _read_parquet(content: bytes, source: str) -> pd.DataFrame:
     try:
-        return pd.read_parquet(io.BytesIO(content))
+        import pyarrow  # noqa: F401 - what pandas reads parquet with
     except ImportError as error:
-        raise DataError("Reading parquet needs pyarrow: pip install pyarrow") from error
+        raise DataError(
+            f'{source} is a parquet file, which pyarrow reads: pip install "narx-sklearn[parquet]"'
+        ) from error
+    try:
+        return pd.read_parquet(io.BytesIO(content), engine="pyarrow")
+    except (ValueError, OSError) as error:
+        raise DataError(f"{source} cannot be read as parquet: {error}") from error
 
 
 def _from_frame(frame: pd.DataFrame, source: str) -> Table:
-    frame = frame.reset_index() if frame.index.name else frame.reset_index(drop=True)
-    columns, stamped = {}, set()
-    for label, values in frame.items():
-        if pd.api.types.is_datetime64_any_dtype(values):
-            columns[str(label)] = _seconds(values)
-            stamped.add(str(label))
-            continue
-        try:
-            columns[str(label)] = values.to_numpy(dtype=float, na_value=np.nan)
-        except (TypeError, ValueError) as error:
-            raise DataError(f"Column {str(label)!r} of {source} does not hold numbers: {error}.") from error
-    return Table(pd.DataFrame(columns), frozenset(stamped), (), source)
+    # an index that has a name or tells the time is a column; one that only counts is not
+    is_column = frame.index.name is not None or isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex)
+    frame = frame.reset_index(drop=not is_column)
+    names = [str(label) for label in frame.columns]
+    _check_names(names, source)
+
+    def blame(cell: str, row: int, name: str) -> str:
+        return f"{source}, row {row + 1} of the values, column {name!r}: {cell!r} is not a number."
+
+    return _table({name: frame.iloc[:, i] for i, name in enumerate(names)}, ".", blame, [], source)
 
 
 def _from_text(text: str, layout: Layout, notes: list[str], source: str) -> Table:
-    repeated = sorted({name for name in layout.names if layout.names.count(name) > 1})
-    if repeated:
-        raise DataError(f"{source} has two columns named {repeated[0]!r}; rename one.")
+    _check_names(layout.names, source)
     try:
         raw = pd.read_csv(
-            io.StringIO(text),
+            io.StringIO(COMMENT.sub("", text)),  # blank lines are passed over, and still count as lines
             sep=layout.separator,
             decimal=layout.decimal,
             header=None,
             names=list(layout.names),
             index_col=False,
             skiprows=layout.first_row,
-            comment="#",
             skipinitialspace=True,
             na_values=sorted(MISSING),
             low_memory=False,
         )
     except pd.errors.ParserError as error:
         raise DataError(_ragged(error, layout, source)) from error
-    columns, stamped = {}, set()
-    for name in layout.names:
-        values = raw[name]
-        if not pd.api.types.is_numeric_dtype(values):
-            values, is_time = _text_column(values, name, text, layout, source)
-            stamped |= {name} if is_time else set()
-        columns[name] = np.asarray(values, dtype=float)
-    return Table(pd.DataFrame(columns), frozenset(stamped), tuple(notes), source)
+
+    def blame(cell: str, row: int, name: str) -> str:
+        return (
+            f"{source}, line {_line_of(row, text, layout)}, column {name!r}: {cell!r} is not a number. Mend "
+            "the cell, or leave it empty where the value is missing."
+        )
+
+    return _table({name: raw[name] for name in layout.names}, layout.decimal, blame, notes, source)
 
 
-def _text_column(values: pd.Series, name: str, text: str, layout: Layout, source: str):
-    """Return a column that pandas left as text, as numbers, and whether it held time stamps."""
+def _check_names(names: Sequence[str], source: str) -> None:
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise DataError(f"{source} has two columns named {repeated[0]!r}; rename one.")
+
+
+def _table(columns: dict[str, pd.Series], decimal: str, blame, notes: list[str], source: str) -> Table:
+    """Return the table of these columns; ``blame`` makes the message about a cell that is no number."""
+    read = {name: _numbers(values, decimal, partial(blame, name=name)) for name, values in columns.items()}
+    words = {name: column.word for name, column in read.items() if column.word is not None}
+    notes = notes + [
+        f"Column {name!r} holds words such as {word!r}; it can tell sessions apart, no more."
+        for name, word in words.items()
+    ]
+    return Table(
+        pd.DataFrame({name: column.numbers for name, column in read.items()}),
+        frozenset(name for name, column in read.items() if column.is_stamp),
+        words,
+        tuple(notes),
+        source,
+    )
+
+
+class Column(NamedTuple):
+    """A column as numbers: values as they are, stamps as seconds, words by their number."""
+
+    numbers: np.ndarray
+    is_stamp: bool = False
+    word: str | None = None  # the first, where there are only words
+
+
+def _numbers(values: pd.Series, decimal: str, blame) -> Column:
+    """Return a column of any kind as numbers."""
+    if pd.api.types.is_numeric_dtype(values):
+        return Column(values.to_numpy(dtype=float, na_value=np.nan))
+    if pd.api.types.is_datetime64_any_dtype(values) or pd.api.types.is_timedelta64_dtype(values):
+        return Column(_seconds(values), is_stamp=True)
     cells = values.astype("string").str.strip()
-    missing = cells.isna() | cells.str.lower().isin(MISSING)
-    stamps = cells.str.match(STAMP.pattern).fillna(False).astype(bool)
+    missing = (cells.isna() | cells.str.lower().isin(MISSING)).to_numpy(dtype=bool)
+    stamps = cells.str.match(STAMP.pattern).fillna(False).to_numpy(dtype=bool)
     if (stamps | missing).all() and stamps.any():
         stamped = pd.to_datetime(cells.str.replace(",", "."), format="ISO8601", utc=True, errors="coerce")
-        bad = np.flatnonzero(stamped.isna() & ~missing)
-        if bad.size:
-            raise DataError(_bad_cell(cells.iloc[bad[0]], int(bad[0]), name, text, layout, source))
-        return _seconds(stamped), True
-    plain = cells.str.replace(",", ".") if layout.decimal == "," else cells
+        _check_cells(stamped, missing, cells, blame)
+        return Column(_seconds(stamped), is_stamp=True)
+    plain = cells.str.replace(",", ".") if decimal == "," else cells
     numbers = pd.to_numeric(plain, errors="coerce")
-    bad = np.flatnonzero((numbers.isna() & ~missing).to_numpy(dtype=bool))
+    if numbers.isna().all() and not stamps.any() and not missing.all():
+        codes, words = pd.factorize(cells.mask(missing))
+        return Column(np.where(codes < 0, np.nan, codes), word=str(words[0]))
+    _check_cells(numbers, missing, cells, blame)
+    return Column(numbers.to_numpy(dtype=float, na_value=np.nan))
+
+
+def _check_cells(read: pd.Series, missing: np.ndarray, cells: pd.Series, blame) -> None:
+    """Raise for the first cell that holds something and was not understood."""
+    bad = np.flatnonzero(read.isna().to_numpy(dtype=bool) & ~missing)
     if bad.size:
-        raise DataError(_bad_cell(cells.iloc[bad[0]], int(bad[0]), name, text, layout, source))
-    return numbers.to_numpy(dtype=float, na_value=np.nan), False
+        raise DataError(blame(cells.iloc[bad[0]], int(bad[0])))
 
 
 def _seconds(stamps: pd.Series) -> np.ndarray:
@@ -152,17 +201,10 @@ def _seconds(stamps: pd.Series) -> np.ndarray:
     return ((stamps - stamps.dropna().iloc[:1].min()) / pd.Timedelta(1, "s")).to_numpy(dtype=float)
 
 
-def _bad_cell(cell: str, row: int, name: str, text: str, layout: Layout, source: str) -> str:
-    lines = text.splitlines()
-    values = [
-        i
-        for i in range(layout.first_row, len(lines))
-        if lines[i].strip() and not lines[i].lstrip().startswith("#")
-    ]
-    return (
-        f"{source}, line {values[row] + 1}, column {name!r}: {cell!r} is not a number. Mend the cell, or "
-        "leave it empty where the value is missing."
-    )
+def _line_of(row: int, text: str, layout: Layout) -> int:
+    """Return the line, from 1, in which a row of values stands."""
+    lines = COMMENT.sub("", text).splitlines()
+    return [i for i, line in enumerate(lines, 1) if i > layout.first_row and line.strip()][row]
 
 
 def _ragged(error: Exception, layout: Layout, source: str) -> str:
@@ -172,11 +214,11 @@ def _ragged(error: Exception, layout: Layout, source: str) -> str:
     wanted, line, saw = map(int, found.groups())
     return (
         f"{source}, line {line} has {saw} values, the lines before {wanted}. "
-        f"It was read with {WORDS[layout.separator]} between columns and decimal mark {layout.decimal!r}."
+        f"It was read with {SPOKEN[layout.separator]} between columns and decimal mark {layout.decimal!r}."
     )
 
 
 def _told(layout: Layout) -> str:
     mark = "comma" if layout.decimal == "," else "point"
     header = f"columns {', '.join(layout.names)}" if layout.has_header else "no header"
-    return f"Read with {WORDS[layout.separator]} between columns, decimal {mark}, {header}."
+    return f"Read with {SPOKEN[layout.separator]} between columns, decimal {mark}, {header}."

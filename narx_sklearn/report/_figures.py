@@ -3,6 +3,7 @@
 import io
 import re
 from functools import wraps
+from html import escape
 from itertools import pairwise
 from typing import Any
 from zlib import crc32
@@ -11,10 +12,13 @@ import numpy as np
 
 BLUE, VERMILION, GREEN, GREY = "#2a86c4", "#d5602a", "#1d9a74", "#8a8f98"  # legible on white and on black
 INK = "#012345"  # stands for the page's text colour until the figure is written
+OWN_NAME = re.compile(r'\bid="|href="#|url\(#')  # what stands before a name inside a figure
 WIDTH = 7.2  # inches
 PIXELS = 900  # across a figure; a longer signal is drawn by its least and largest value in each
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
+    "text.usetex": False,
+    "text.parse_math": False,  # a dollar in a column's name is a dollar
     "svg.hashsalt": "narx_sklearn",  # the same figure gives the same text
     "font.family": "sans-serif",
     "font.size": 9.5,
@@ -61,7 +65,7 @@ def time_line(time, y, y_sim, residual, segments, label: str, name: str) -> str:
     for start, stop in segments:
         for axes in (top, bottom):
             axes.axvspan(start, stop, color=VERMILION, alpha=0.16, linewidth=0)
-    top.set_ylabel(plain(label))
+    top.set_ylabel(label)
     bottom.set_ylabel("difference")
     bottom.set_xlabel("time [s]")
     _legend(top)
@@ -87,8 +91,8 @@ def state_plane(a, b, size, a_label: str, b_label: str, name: str) -> str:
     bar = figure.colorbar(dots, ax=axes, shrink=0.9, pad=0.02)
     bar.set_label("size of the mismatch, share of its largest")
     bar.outline.set_visible(False)
-    axes.set_xlabel(plain(a_label))
-    axes.set_ylabel(plain(b_label))
+    axes.set_xlabel(a_label)
+    axes.set_ylabel(b_label)
     return to_svg(figure, name)
 
 
@@ -120,9 +124,10 @@ def effect_figure(curve, name: str) -> str:
         axes.plot(table["argument"], table["force"], color=BLUE, linewidth=1.3, label="median of the data")
         axes.fill_between(table["argument"], table["low"], table["high"], color=BLUE, alpha=0.25, linewidth=0)
     low, high = np.nanquantile(np.concatenate([curve.needed, curve.fitted]), [0.005, 0.995])
-    axes.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low) or 1.0)
-    axes.set_xlabel(plain(curve.x_label))
-    axes.set_ylabel(plain(curve.y_label))
+    margin = 0.15 * (high - low) or 1.0
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_xlabel(curve.x_label)
+    axes.set_ylabel(curve.y_label)
     _legend(axes)
     return to_svg(figure, name)
 
@@ -136,7 +141,7 @@ def before_and_after(time, y, runs: dict, label: str, name: str) -> str:
         _line(top, time, run, colour, called, 1.0)
         _line(bottom, time, y - run, colour, called, 0.9)
     bottom.axhline(0.0, color=INK, linewidth=0.5)
-    top.set_ylabel(plain(label))
+    top.set_ylabel(label)
     bottom.set_ylabel("error")
     bottom.set_xlabel("time [s]")
     _legend(top)
@@ -153,7 +158,7 @@ def residual_figure(tests, name: str) -> str:
         panel.fill_between(test.lags, -test.bound, test.bound, color=GREY, alpha=0.25, linewidth=0)
         panel.vlines(test.lags, 0.0, test.correlation, color=colour, linewidth=1.3)
         panel.axhline(0.0, color=INK, linewidth=0.5)
-        panel.set_title(plain(test.symbol), fontsize=9, color=INK)
+        panel.set_title(test.symbol, fontsize=9, color=INK)
     for panel in panels.ravel()[len(tests) :]:
         panel.set_visible(False)
     for panel in panels[-1]:
@@ -171,24 +176,15 @@ def to_svg(figure, name: str) -> str:
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    # several figures share a page: their inner names must differ
-    svg = re.sub(r'\b(id=")', rf"\g<1>f{number}-", svg)
-    svg = re.sub(r'((?:xlink:)?href="#|url\(#)', rf"\g<1>f{number}-", svg)
-    svg = svg.replace(INK, "currentColor")
+    # several figures share a page: their inner names must differ; texts, in which "<" is escaped, stay
+    svg = re.sub(
+        r"<[^>]+>",
+        lambda tag: OWN_NAME.sub(rf"\g<0>f{number}-", tag[0]).replace(INK, "currentColor"),
+        svg,
+    )
     head, body = svg.split(">", 1)
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    return f'{head} role="img" aria-label="{_attribute(name)}">{body}'
-
-
-def plain(label: str) -> str:
-    """Return a label of which matplotlib reads nothing as mathematics."""
-    return label.replace("$", r"\$")
-
-
-def _attribute(text: str) -> str:
-    for mark, entity in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ('"', "&quot;")):
-        text = text.replace(mark, entity)
-    return text
+    return f'{head} role="img" aria-label="{escape(name)}">{body}'
 
 
 def _axes(n_rows: int, n_columns: int, *, height: float, **options):

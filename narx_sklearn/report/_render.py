@@ -199,18 +199,13 @@ def _facts(dx, material: Material) -> list[tuple[str, str]]:
 
 def _where(dx, material: Material, outputs) -> dict:
     """Return figures and tables of where the mismatch is."""
-    location = getattr(dx, "location_", None)
-    segments = location.segments if location is not None else None
+    segments = dx.location_.segments
     column = int(np.argmax(_relative_error(material)))
     residual = material.residual[:, column]
     seen = np.isfinite(residual)
     dt = material.simulator.dt
     t = dt * np.arange(len(residual))  # one axis for all sessions
-    shaded = (
-        []
-        if segments is None
-        else [(a * dt, b * dt) for a, b in zip(segments["start"], segments["stop"], strict=True)]
-    )
+    shaded = [(a * dt, b * dt) for a, b in zip(segments["start"], segments["stop"], strict=True)]
     caption = f"{outputs[column]}: recorded, and simulated with refitted parameters window by window."
     if shaded:
         caption += " Shaded: where the mismatch is larger than elsewhere."
@@ -230,7 +225,7 @@ def _where(dx, material: Material, outputs) -> dict:
         )
     ]
     figures.append(_state_figure(dx, material, column, seen))
-    return {"figures": figures, "tables": _location_tables(location)}
+    return {"figures": figures, "tables": _location_tables(dx.location_)}
 
 
 def _relative_error(material: Material) -> np.ndarray:
@@ -261,8 +256,6 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
 
 
 def _location_tables(location) -> list[TableText]:
-    if location is None:
-        return []
     segments = {
         "start_s": "from [s]",
         "stop_s": "to [s]",
@@ -294,7 +287,7 @@ def _location_tables(location) -> list[TableText]:
         "excess": "times the noise",
         "p_value": "p",
     }
-    kept = location.bands[location.bands["kept"]] if "kept" in location.bands else location.bands
+    kept = location.bands[location.bands["kept"]]
     tables = [
         to_table(
             location.regions, "Regions of operation that hold more of the error than of the time", regions

@@ -127,10 +127,9 @@ def _listed(names: Sequence[str], last: str = "and") -> str:
 def parameter_table(dx) -> TableText:
     """Return the simulation's own parameters before and after."""
     frame = dx.parameters_.reset_index()
-    shown = "augmented"
     frame["interval"] = [
-        f"{number(a)} to {number(b)}"
-        for a, b in zip(frame[f"{shown}_low"], frame[f"{shown}_high"], strict=True)
+        f"{number(low)} to {number(high)}"
+        for low, high in zip(frame["augmented_low"], frame["augmented_high"], strict=True)
     ]
     names = {
         "parameter": "parameter",
@@ -253,7 +252,7 @@ def settings_table(dx) -> TableText:
 
 def next_steps(dx, experiment=None) -> list[str]:
     """Return what to try next, in sentences."""
-    steps = [str(finding) for finding in getattr(dx, "data_findings_", ())]
+    steps = [str(finding) for finding in dx.data_findings_]
     if experiment is not None and experiment.separation < 1:
         pairs = _listed([pair.replace(" / ", " from ") for pair in experiment.pairs])
         steps.append(
