@@ -479,11 +479,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.location_ = locate(diagnosis, self.random_state)
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
-        if (
-            self.findings_
-            and "removed_high" in self.scores_
-            and float(self.scores_["removed_high"].to_numpy()[-1]) < 0
-        ):
+        if self.findings_ and self._harms():
             # what was found makes held-out samples worse: it is no explanation, and is not used
             self.verdict_ = "unknown"
             self.simulator_ = self.refitted_simulator_
@@ -505,6 +501,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses)
         spread = np.nanstd(np.concatenate([y[s] for s in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
+
+    def _harms(self) -> bool:
+        """Tell whether the corrected simulation is surely worse on held-out samples, or leaves all range."""
+        if "removed_high" not in self.scores_:
+            return False
+        errors = self.scores_["nrmse"]
+        lost = np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"])
+        return bool(lost or self.scores_.loc["augmented", "removed_high"] < 0)
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         n = len(self.simulator.parameters)

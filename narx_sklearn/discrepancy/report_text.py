@@ -1,6 +1,6 @@
 """The diagnosis in words, for a terminal."""
 
-from narx_sklearn.discrepancy.results import VERDICTS
+from narx_sklearn.discrepancy.results import VERDICTS, p_text
 
 
 def report_text(dx) -> str:
@@ -14,7 +14,7 @@ def report_text(dx) -> str:
 
 
 def _what(dx) -> list[str]:
-    lines = [f"Test that nothing is missing: p = {dx.p_value_:.2g}.", ""]
+    lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         lines.append(f"{i}. {finding.title} {finding.place}.")
         lines.append(f"   {finding.sentence}")

@@ -11,6 +11,21 @@ VERDICTS = {
 }
 
 
+LEAST = 1e-12  # p-values below say no more than that
+
+
+def p_text(p: float, relation: str = "= ") -> str:
+    """Return a p-value, two digits, after what stands before it in a sentence (nothing in a table).
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.results import p_text
+    >>> p_text(2.704e-07), p_text(2.704e-07, ""), p_text(0.0, "")
+    ('= 2.7e-07', '2.7e-07', '< 1e-12')
+    """
+    return f"{relation}{p:.2g}" if p >= LEAST else f"< {LEAST:.0e}"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One effect found missing.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from narx_sklearn.analysis.residuals import residual_tests
-from narx_sklearn.discrepancy.results import VERDICTS
+from narx_sklearn.discrepancy.results import VERDICTS, p_text
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
     before_and_after,
@@ -23,7 +23,6 @@ from narx_sklearn.report._words import (
     next_steps,
     noise_table,
     number,
-    p_text,
     parameter_table,
     percent,
     readable,
@@ -190,7 +189,7 @@ def _facts(dx, material: Material) -> list[tuple[str, str]]:
     """Return the numbers at the top, with what they are."""
     n = len(material.u)
     facts = [("samples", f"{n}"), ("sampling period", f"{number(material.simulator.dt)} s")]
-    facts.append(("p that nothing is missing", p_text(dx.p_value_)))
+    facts.append(("p that nothing is missing", p_text(dx.p_value_, "")))
     if not dx.scores_.empty:
         error = dx.scores_["nrmse"]
         facts += [(f"held-out error, {WORDS[run]}", percent(error[run])) for run in error.index]

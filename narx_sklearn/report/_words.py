@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import ResidualTests
-from narx_sklearn.discrepancy.results import VERDICTS
+from narx_sklearn.discrepancy.results import VERDICTS, p_text
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -43,18 +43,6 @@ def number(value) -> str:
     return str(value)
 
 
-def p_text(p: float) -> str:
-    """Return a p value, two digits.
-
-    Examples
-    --------
-    >>> from narx_sklearn.report._words import p_text
-    >>> p_text(2.704e-07)
-    '2.7e-07'
-    """
-    return f"{p:.2g}"
-
-
 def percent(share: float) -> str:
     """Return a share in per cent, three digits."""
     return f"{100 * share:.3g} %"
@@ -72,7 +60,7 @@ def to_table(frame: pd.DataFrame, caption: str, columns: dict[str, str]) -> Tabl
 
 def _cell(column: str, value) -> str:
     if column.startswith("p_"):
-        return p_text(value)
+        return p_text(value, "")
     return percent(value) if column in ("share", "time_share") else number(value)
 
 
@@ -179,8 +167,8 @@ def residual_table(tests: ResidualTests, label: str) -> TableText:
     rows = [
         (
             test.symbol,
-            p_text(test.p_value),
-            p_text(test.adjusted_p_value),
+            p_text(test.p_value, ""),
+            p_text(test.adjusted_p_value, ""),
             "fails" if test.rejected else "passes",
         )
         for test in tests.tests
