@@ -121,10 +121,13 @@ class Problem:
         return np.stack(columns, axis=2)
 
     def parameter_sensitivity(self, model: Model, base: Run, steps: np.ndarray) -> np.ndarray:
-        """Return d y_sim / d q, whitened, (W, T, n_q)."""
+        """Return d y_sim / d q, whitened, (W, T, n_q); zero where the step is."""
         q = model.q
         columns = []
         for i, step in enumerate(steps):
+            if step == 0:
+                columns.append(np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1])))
+                continue
             moved = q.copy()
             moved[i] += step
             columns.append(self.whiten(self.run(model.with_q(moved)).y - base.y) / step)

@@ -51,10 +51,14 @@ def state_scale(problem: Problem, model: Model) -> np.ndarray:
 
 
 def difference_steps(model: Model, bounds: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return signed difference steps for the global parameters, away from their upper bounds."""
+    """Return signed difference steps for the global parameters, away from their upper bounds.
+
+    A parameter whose bounds leave it no room has none.
+    """
     q = model.q
     steps = SMALL * np.where(q != 0, np.abs(q), scale)
-    return np.where(q + steps > bounds[:, 1], -steps, steps)
+    steps = np.where(q + steps > bounds[:, 1], -steps, steps)
+    return np.where(bounds[:, 0] == bounds[:, 1], 0.0, steps)
 
 
 def all_bounds(problem: Problem, model: Model) -> np.ndarray:
