@@ -184,14 +184,9 @@ def search(
             detection = probe(problem, candidate.fit, bank, random_state)
             if dominated and not candidate.effects:
                 detection = _left_to_the_fits(detection)
-            allowed = rank or (detection.p_value <= alpha and len(candidate.effects) < max_effects)
-            found = (
-                refit_leaders(
-                    problem, candidate.fit, leaders(bank, n_leaders, detection, alpha), n_jobs=n_jobs
-                )
-                if allowed
-                else []
-            )
+            silent = detection.p_value > alpha or len(candidate.effects) >= max_effects
+            placed = [] if rank == 0 and silent else leaders(bank, n_leaders, detection, alpha)
+            found = refit_leaders(problem, candidate.fit, placed, n_jobs)
             found = [c for c in found if c.criterion < candidate.criterion]
             if rank == 0:
                 detection = _confirmed(problem, candidate, found, detection, bank)

@@ -508,7 +508,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             return False
         errors = self.scores_["nrmse"]
         lost = np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"])
-        return bool(lost or self.scores_.loc["augmented", "removed_high"] < 0)
+        return bool(lost or self.scores_["removed_high"].to_numpy(dtype=float)[-1] < 0)
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         n = len(self.simulator.parameters)
