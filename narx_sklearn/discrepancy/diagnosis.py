@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.explain import (
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import parameters_moved
-from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
+from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -251,6 +251,8 @@ def _alternatives(
                 rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
         # the same effect at another place is a question of where, not of what
         rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
+        # what the catalogue warns of is fitted to the end before it is judged
+        rivals = [_converged(problem, c) if declared_rival(best, c) else c for c in rivals]
         rivals.sort(key=lambda c: c.criterion)
         found.append(tuple(look_alikes(problem, best, rivals, refitted.cost, starts)[1:]))
     return tuple(found)

@@ -37,7 +37,7 @@ def _at_home(candidate: Candidate) -> bool:
     return bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
 
 
-def _declared(best: Candidate, other: Candidate) -> PlacedEffect | None:
+def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
     """Return what stands in another's place, if the catalogue calls it a look-alike of what stood there."""
     places = {e.place for e in best.effects} & {e.place for e in other.effects}
     mine = [e for e in best.effects if e.place not in places]
@@ -94,7 +94,7 @@ def look_alikes(
     length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
     unit = best.fit.cost / best.n_samples
     for other in others:
-        declared = _declared(best, other)
+        declared = declared_rival(best, other)
         behind = other.criterion - best.criterion
         extra = other.fit.model.q.size - best.fit.model.q.size
         saved = (best.fit.cost - other.fit.cost) / unit
