@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.verify import free_run
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -176,16 +177,16 @@ class TestLookAlikes:
             for effect in (friction(0.1), friction(0.1, "stribeck_friction", (1.5, 0.3, 2.0)))
         ]
         starts = {named[1].effects[0].place: np.array([[0.1, 1.5, 0.3, 2.0], [0.1, 1.5, 1.0, 2.0]])}
-        return problem, base, named, starts
+        return problem, named, starts
 
     def test_a_form_that_holds_the_best_stays_only_where_its_ordinary_shape_fits_as_well(self):
-        problem, base, (plain, falling), starts = self.candidates(size=0.3)
-        assert look_alikes(problem, plain, [falling], base.cost, starts) == [plain]
-        problem, base, (plain, falling), starts = self.candidates(size=0.002)
-        assert look_alikes(problem, plain, [falling], base.cost, starts) == [plain, falling]
+        problem, (plain, falling), starts = self.candidates(size=0.3)
+        assert look_alikes(problem, plain, [falling], 0.0, starts) == [plain]
+        problem, (plain, falling), starts = self.candidates(size=0.002)
+        assert look_alikes(problem, plain, [falling], 0.0, starts) == [plain, falling]
 
     def test_of_two_alike_the_one_with_fewer_parameters_is_named(self):
-        _, _, (plain, falling), _ = self.candidates(size=0.3)
+        _, (plain, falling), _ = self.candidates(size=0.3)
         assert likeliest([falling, plain]) is plain
 
     def test_directions_that_the_data_cannot_feel_have_no_price(self):
@@ -196,6 +197,25 @@ class TestLookAlikes:
         assert silent.n_parameters == base.model.p.size
         plain = Candidate(fit(problem, base.model._replace(effects=(friction(0.1),))), problem.n_seen)
         assert plain.n_parameters == base.model.p.size + 1
+
+
+class TestLatePieces:
+    @pytest.mark.parametrize(
+        ("code", "port", "theta"),
+        [
+            ("additive_drift", Port("output", 0), (0.8, 10.0, 2.0, -6.0)),
+            ("periodic_disturbance", Port("state", 1), (2.0, 1.3, 0.4)),
+            ("backlash", Port("input", 0), (1.0, 1.5)),
+            ("gain_drift", Port("input", 0), (0.5, 9.0, 0.1)),
+        ],
+    )
+    def test_an_effect_acts_in_a_late_piece_as_since_the_session_began(self, code, port, theta):
+        effect = PlacedEffect(CATALOGUE[code], port, (0.0, 1.0), theta=theta)
+        simulator = make_axis().with_effects([effect])
+        u = levels(np.random.default_rng(4), 1000)
+        y = simulator.simulate(u)
+        late = free_run(simulator, u, y, slice(600, 1000), 0, 100, np.zeros(2))
+        np.testing.assert_allclose(late.y, y[600:], atol=1e-6 * np.ptp(y))
 
 
 class TestUnnamedForces:

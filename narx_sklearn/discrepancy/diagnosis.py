@@ -37,6 +37,9 @@ LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
 FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
+FORM = 0.05  # share of what an effect explains that its idealised form may leave
+ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
+BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -146,9 +149,12 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
         best = _converged(problem, likeliest(pool))
-        alternatives = _alternatives(problem, refitted, best, pool, _ordinary(steps))
-        unnamed = _unnamed(problem, refitted, structure, settings)
         leftover = _leftover(problem, best, structure, settings)
+        # where the named form visibly leaves something, its look-alikes may leave as much, and some more
+        visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
+        tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
+        alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
+        unnamed = _unnamed(problem, refitted, structure, settings)
         verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
     return Diagnosis(
         verdict,
@@ -229,7 +235,11 @@ def _converged(problem: Problem, candidate: Candidate) -> Candidate:
 
 
 def _alternatives(
-    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate], starts: dict[tuple, np.ndarray]
+    problem: Problem,
+    best: Candidate,
+    pool: list[Candidate],
+    tolerated: float,
+    starts: dict[tuple, np.ndarray],
 ) -> tuple[tuple[Candidate, ...], ...]:
     """Return, for each effect of the set, what could stand in its place without being clearly worse."""
     singles = [c.effects[0] for c in pool if len(c.effects) == 1]
@@ -254,7 +264,7 @@ def _alternatives(
         # what the catalogue warns of is fitted to the end before it is judged
         rivals = [_converged(problem, c) if declared_rival(best, c) else c for c in rivals]
         rivals.sort(key=lambda c: c.criterion)
-        found.append(tuple(look_alikes(problem, best, rivals, refitted.cost, starts)[1:]))
+        found.append(tuple(look_alikes(problem, best, rivals, tolerated, starts)[1:]))
     return tuple(found)
 
 
@@ -276,7 +286,10 @@ def _unnamed(problem: Problem, refitted: Fit, structure: Structure, settings: Se
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):
-    """Return the test of what the named set leaves, and the gain of the best further column or curve."""
+    """Return the test of what the named set leaves, and what the best further column or curve would take.
+
+    What one takes off pure noise is not counted.
+    """
     curves = _curves(problem, best.fit, structure)
     taken = {effect.place for effect in best.effects}
     named = [h for h in _hypotheses(problem, best.fit, structure, settings) if h.placed.place not in taken]
@@ -290,14 +303,14 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
         G, b = bank.gram[np.ix_(columns, columns)], bank.plain[columns]
         curve_gain = max(curve_gain, float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b))
     named_gain = float(np.where(is_curve, 0.0, gain).max(initial=0.0))
-    return detection.p_value, max(curve_gain, named_gain)
+    by_chance = BY_CHANCE * best.fit.cost / best.n_samples
+    return detection.p_value, max(curve_gain, named_gain) - by_chance
 
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
     taken_off = refitted.cost - best.fit.cost
-    p_left, could_take = leftover
-    rest = could_take - 10 * best.fit.cost / best.n_samples  # what a curve takes off pure noise
+    p_left, rest = leftover
     several = len(best.effects) > 1
     share = UNEXPLAINED_BY_TWO if several else UNEXPLAINED
     if p_left <= (SUSPECT if several else alpha) and rest > share * (taken_off + rest):

@@ -15,7 +15,7 @@ CLEARLY = 2.0  # standard deviations by which a rival must fail to be called wor
 ALIKE = 2.0  # difference of the criterion that says nothing
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
-FORM = 0.05  # share of what an effect explains that its idealised form may leave
+SAME = 12.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
@@ -67,7 +67,7 @@ def look_alikes(
     problem: Problem,
     best: Candidate,
     others: list[Candidate],
-    base_cost: float,
+    tolerated: float,
     starts: Mapping[tuple, np.ndarray],
     level: float = CLEARLY,
 ) -> list[Candidate]:
@@ -77,14 +77,14 @@ def look_alikes(
     of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
     parameters projected out, with a variance from short blocks.
 
-    The catalogue's forms are idealised. So what it declares a look-alike stays unless it leaves more of what
-    the best explains than a form may be wrong by. One that holds the best as a special case must earn its
-    further parameters, or fit as well with an ordinary shape, far from that special case.
+    The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
+    worse than a form may be wrong by. One with further parameters that came to the same run as the best holds
+    it as a special case; it stays if it fits as well with an ordinary shape, far from that special case.
 
     Parameters
     ----------
-    base_cost : float
-        Cost of the simulator without effects.
+    tolerated : float
+        What a form may leave of the cost.
     starts : mapping from places to ndarray of shape (n_starts, n_theta)
         Ordinary parameter values of the effects.
     """
@@ -97,14 +97,14 @@ def look_alikes(
         declared = declared_rival(best, other)
         behind = other.criterion - best.criterion
         extra = other.fit.model.q.size - best.fit.model.q.size
-        saved = (best.fit.cost - other.fit.cost) / unit
-        holds_the_best = extra > 0 and abs(saved) < DEARER * extra
-        if declared and holds_the_best:
+        worse = other.fit.cost - best.fit.cost
+        apart = float(np.sum((other.fit.residual - noise) ** 2))
+        if declared and extra > 0 and apart < SAME * extra * unit:
             cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
-            stays = cost - best.fit.cost <= HARDLY * unit
-        elif behind <= HARDLY or (declared and -saved * unit <= FORM * (base_cost - best.fit.cost)):
+            stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
+        elif behind <= HARDLY or (declared and worse <= tolerated):
             stays = True
-        elif behind > CERTAIN or (extra > 0 and saved < DEARER * extra):
+        elif behind > CERTAIN or (extra > 0 and -worse < DEARER * extra * unit):
             stays = False
         else:
             change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])

@@ -27,7 +27,7 @@ from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
-from narx_sklearn.discrepancy.verify import compared, initial_state, score_table, squared_errors
+from narx_sklearn.discrepancy.verify import compared, free_run, initial_state, score_table, squared_errors
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
@@ -229,7 +229,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                     f"{len(self.simulator_.outputs)} outputs."
                 )
             n = min(len(first), windows.last[0] - windows.first[0])
-            x0[0] = initial_state(self.simulator_, u[:n], first[:n], n, x0[0])
+            x0[0] = initial_state(self.simulator_, u[:n], first[:n], slice(0, n), 0, n, x0[0])
         y = self.simulator_.run(u, windows, x0).y
         return y[:, 0] if self._one_output else y
 
@@ -243,12 +243,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         u, measured = self._read(X, y)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
-        for piece, _ in self._pieces(u, sessions):
+        for piece, began in self._pieces(u, sessions):
             if piece.stop - piece.start <= n_init + 1:
                 continue
-            u_piece, y_piece = u[piece], measured[piece]
-            x0 = initial_state(self.simulator_, u_piece, y_piece, n_init, self._guess)
-            run = self.simulator_.run(u_piece, Windows.whole([slice(0, len(u_piece))]), x0[None, :])
+            y_piece = measured[piece]
+            run = free_run(self.simulator_, u, measured, piece, began, n_init, self._guess)
             error = (y_piece - run.y)[n_init:]
             if np.isnan(run.y).any():
                 return -np.inf
@@ -438,14 +437,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return found
 
     def _split(self, u, sessions):
-        """Return fitting pieces, and held-out stretches: the end of every piece."""
+        """Return fitting and held-out pieces (the ends), each with the first sample of its session."""
         fitting, held_out = [], []
         for piece, session in self._pieces(u, sessions):
             n = piece.stop - piece.start
             edge = piece.stop - round(self.test_fraction * n)
             fitting.append((slice(piece.start, edge), session))
             if piece.stop - edge > 1:
-                held_out.append(slice(edge, piece.stop))
+                held_out.append((slice(edge, piece.stop), session))
         return fitting, held_out
 
     def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
@@ -486,11 +485,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
-        long_enough = [s for s in held_out if s.stop - s.start > 2 * self._n_init]
         n_init = self._n_init
+        long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
             n_init = 4 * (len(self.simulator.states) + 1)
-            long_enough = [s for s in held_out if s.stop - s.start > 2 * n_init]
+            long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
             return pd.DataFrame()
         guesses = {
@@ -499,7 +498,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             "augmented": self._guess,
         }
         errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses)
-        spread = np.nanstd(np.concatenate([y[s] for s in long_enough]), axis=0)
+        spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
 
     def _harms(self) -> bool:
@@ -532,6 +531,10 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _longer_than(n: int, pieces: list[tuple[slice, int]]) -> list[tuple[slice, int]]:
+    return [(piece, began) for piece, began in pieces if piece.stop - piece.start > n]
 
 
 def _entry(code) -> Effect:

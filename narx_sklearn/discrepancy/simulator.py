@@ -343,9 +343,8 @@ def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows)
         other = None
         if placed.second >= 0:
             other = (signals if driven is None else driven)[:, placed.second]
-        # windows of one session follow one another, so memory goes on across their seams
-        keep = _covered(windows, out.shape[0])
-        begin = _beginnings(windows)
+        # an effect has acted since the session began, also where no window is and its memory waits
+        keep, begin = _since_the_sessions_began(windows)
         inside = column[keep]
         changed = placed.effect.transform(
             inside, None if other is None else other[keep], dt, np.array(placed.theta), begin
@@ -363,8 +362,10 @@ def _covered(windows: Windows, n_samples: int) -> np.ndarray:
     return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
 
 
-def _beginnings(windows: Windows) -> np.ndarray:
-    """Return where, among the covered samples, something begins anew."""
-    lengths = windows.last - windows.first
-    offsets = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    return offsets[windows.fresh]
+def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples of the sessions up to their last windows, and where each begins among them."""
+    began = np.unique(windows.began)
+    stop = [windows.last[windows.began == first].max() for first in began]
+    samples = [np.arange(a, b) for a, b in zip(began, stop, strict=True)]
+    lengths = [part.size for part in samples]
+    return np.concatenate([np.arange(0), *samples]), np.cumsum([0, *lengths])[:-1]

@@ -31,36 +31,69 @@ class FreeRun(NamedTuple):
 
 
 def initial_state(
-    simulator: Simulator, u: np.ndarray, y: np.ndarray, n: int, guess: np.ndarray
+    simulator: Simulator, u: np.ndarray, y: np.ndarray, piece: slice, began: int, n: int, guess: np.ndarray
 ) -> np.ndarray:
-    """Return the state at the first sample, fitted to the first ``n`` samples."""
-    n = min(n, len(u))
-    windows = Windows.whole([slice(0, n)])
-    sigma = np.nanstd(y[:n], axis=0)
-    problem = Problem(simulator, u[:n], y[:n], windows, Noise.white(np.where(sigma > 0, sigma, 1.0)))
-    known = simulator.known_states(u, y, np.array([0]))[0]
+    """Return the state at the first sample of a piece, fitted to the first ``n`` of its samples.
+
+    Parameters
+    ----------
+    u, y : ndarray of shape (n_samples, n_inputs) and (n_samples, n_outputs)
+        The whole record.
+    piece : slice
+        A stretch without gaps.
+    began : int
+        First sample of its session, from which effects count the time and remember.
+    """
+    stop = min(piece.start + n, piece.stop)
+    u, y = u[began:stop], y[began:stop]
+    start = piece.start - began
+    sigma = np.nanstd(y[start:], axis=0)
+    noise = Noise.white(np.where(sigma > 0, sigma, 1.0))
+    problem = Problem(simulator, u, y, _late(start, len(u)), noise)
+    known = simulator.known_states(u, y, np.array([start]))[0]
     model = Model(simulator.nominal, simulator.effects, np.where(np.isfinite(known), known, guess)[None, :])
     return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=10).model.x0[0]
 
 
-def free_run(simulator: Simulator, u: np.ndarray, y: np.ndarray, n_init: int, guess: np.ndarray) -> FreeRun:
-    """Run a stretch freely after its initial state was fitted to the first ``n_init`` samples."""
-    x0 = initial_state(simulator, u, y, n_init, guess)
-    run = simulator.run(u, Windows.whole([slice(0, len(u))]), x0[None, :])
-    return FreeRun(run.y, x0)
+def free_run(
+    simulator: Simulator,
+    u: np.ndarray,
+    y: np.ndarray,
+    piece: slice,
+    began: int,
+    n_init: int,
+    guess: np.ndarray,
+) -> FreeRun:
+    """Run a piece freely after its initial state was fitted to its first ``n_init`` samples."""
+    x0 = initial_state(simulator, u, y, piece, began, n_init, guess)
+    start = piece.start - began
+    run = simulator.run(u[began : piece.stop], _late(start, piece.stop - began), x0[None, :])
+    return FreeRun(run.y[start:], x0)
 
 
-def squared_errors(simulators: dict, u, y, stretches, n_init: int, guesses: dict) -> dict[str, np.ndarray]:
-    """Return each simulator's mean squared held-out errors by block, (n_blocks, n_outputs)."""
+def _late(start: int, stop: int) -> Windows:
+    """Return one window of a session that began before it, at sample 0."""
+    first, last, began = (np.array([k], dtype=np.int64) for k in (start, stop, 0))
+    return Windows(first, last, np.array([True]), began)
+
+
+def squared_errors(simulators: dict, u, y, pieces, n_init: int, guesses: dict) -> dict[str, np.ndarray]:
+    """Return each simulator's mean squared held-out errors by block, (n_blocks, n_outputs).
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps, each with the first sample of its session.
+    """
     found = {}
     for name, simulator in simulators.items():
         blocks = []
-        for stretch in stretches:
-            run = free_run(simulator, u[stretch], y[stretch], n_init, guesses[name])
-            error = (y[stretch] - run.y)[n_init:] ** 2
+        for piece, began in pieces:
+            run = free_run(simulator, u, y, piece, began, n_init, guesses[name])
+            error = (y[piece] - run.y)[n_init:] ** 2
             error[np.isnan(run.y[n_init:])] = np.inf
-            error[np.isnan(y[stretch][n_init:])] = np.nan
-            blocks += np.array_split(error, max(1, BLOCKS // len(stretches)))
+            error[np.isnan(y[piece][n_init:])] = np.nan
+            blocks += np.array_split(error, max(1, BLOCKS // len(pieces)))
         with np.errstate(invalid="ignore"):
             found[name] = np.array([np.nanmean(block, axis=0) for block in blocks if len(block)])
     return found

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
+from narx_sklearn._validation import as_signals, check_same_length
 from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,
@@ -104,11 +104,11 @@ class BeforeAfterDisplay:
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")
         runs = {name: np.full(len(u), np.nan) for name in simulators}
-        for piece in finite_slices(session_slices(sessions, len(u)), finite_rows(u)):
+        for piece, began in estimator._pieces(u, sessions):
             n_init = min(estimator._n_init, (piece.stop - piece.start) // 2)
             scored = slice(piece.start + n_init, piece.stop)
             for name, simulator in simulators.items():
-                run = free_run(simulator, u[piece], measured[piece], n_init, estimator._guess).y
+                run = free_run(simulator, u, measured, piece, began, n_init, estimator._guess).y
                 runs[name][scored] = run[n_init:, output]
         simulator = estimator.simulator_
         display = cls(

@@ -94,12 +94,12 @@ def _candidate(dx):
 
 def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
     found = []
-    for rows in dx._split(u, sessions)[1]:
+    for rows, began in dx._split(u, sessions)[1]:
         n_init = min(dx._n_init, (rows.stop - rows.start) // 2)
         if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
             continue
         runs = {
-            name: free_run(simulator, u[rows], y[rows], n_init, dx._guess).y
+            name: free_run(simulator, u, y, rows, began, n_init, dx._guess).y
             for name, simulator in compared(dx).items()
         }
         found.append(HeldOut(rows, n_init, runs))
