@@ -210,7 +210,9 @@ def _experiments(cases, out):
 
 
 def _calibration(cases):
+    """Return the row of T12: the confidence in the first name, where one was given."""
     part = cases.dropna(subset=["confidence"])
+    part = part[part["verdict"].isin(["explained", "ambiguous"])]
     part = part[part["first_right"].notna()] if "first_right" in part else part[:0]
     if len(part) < CALIBRATION_CASES:
         return []
