@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
+from narx_sklearn.discrepancy.windows import cut, find_pace, spread_out, window_length
 from narx_sklearn.physics.effects import CATALOGUE
 
 ABOUT = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
@@ -52,6 +52,17 @@ class TestWindows:
         assert windows.last.tolist() == [25, 50, 75, 100, 150, 181]
         assert windows.fresh.tolist() == [True, False, False, False, True, False]
         assert windows.began.tolist() == [0] * 6  # the last piece is too short for a window
+
+    def test_windows_spread_over_a_long_record_stand_for_it(self):
+        windows = cut([(slice(0, 1000), 0)], 50, 8)
+        few = spread_out(windows, most=260)
+        assert few.first.tolist() == [0, 250, 500, 700, 950]
+        assert few.fresh.all()
+        assert few.began.tolist() == [0] * 5
+        most = spread_out(windows, most=950)
+        assert most.count == 19
+        assert most.fresh.sum() == 2  # the first, and the one after the window left out
+        assert spread_out(windows, most=1000) is windows
 
     def test_pace_of_an_oscillator_and_of_an_integrator(self):
         x, u = np.zeros((5, 2)), np.zeros((5, 1))

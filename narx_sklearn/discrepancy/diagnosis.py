@@ -28,7 +28,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
-from narx_sklearn.discrepancy.windows import cut, find_pace, window_length
+from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
 UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
 UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
@@ -101,7 +101,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
     length = settings.window or window_length(simulator, pace, n_samples)
     shortest = 4 * (int(simulator.free_states.sum()) + 1)
-    windows = cut(pieces, length, shortest)
+    windows = spread_out(cut(pieces, length, shortest))
     if not windows.count:
         raise ValueError(
             f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
@@ -113,7 +113,8 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     nominal = fit_initial_states(problem, guess_states(simulator, u, y, windows, structure, x))
     refitted = fit(problem, nominal.model)
     if settings.window is None and not pace.forgets:
-        problem, refitted = _lengthened(problem, refitted, cut(pieces, n_samples // LONG, shortest))
+        longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
+        problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     problem = problem.with_noise(Noise.white(_left_over(problem, refitted.residual)))
     refitted = fit(problem, refitted.model, iterations=2)
     settings.tell("colour of the noise")
@@ -206,7 +207,9 @@ def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem
     if not windows.count or windows.count >= problem.windows.count:
         return problem, found
     x = problem.run(found.model).x[windows.first]
-    refitted = fit(longer, found.model._replace(x0=np.where(np.isfinite(x), x, 0.0)))
+    known = problem.simulator.known_states(problem.u, problem.y, windows.first)
+    x0 = np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
+    refitted = fit(longer, found.model._replace(x0=x0))
     share = _left_over(longer, refitted.residual) / np.nanstd(problem.y, axis=0)
     return (longer, refitted) if np.all(share < FOLLOWS) else (problem, found)
 

@@ -59,7 +59,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     n_leaders : int, default=16
         Hypotheses refitted at each depth.
     window : int, optional
-        Samples in a fitting window; a few time constants of the simulator when not given.
+        Samples in a fitting window. When not given, twenty time constants of the simulator; a fortieth of
+        the record and then a quarter of it where an integrator or an unstable mode does not forget.
     test_fraction : float, default=0.2
         Last share of each session kept out of every decision, for the verification.
     random_state : int, default=0
@@ -88,6 +89,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Where the mismatch is: ``ports``, ``segments``, ``regions``, ``bands``, each a DataFrame.
     p_value_ : float
         Of the test that nothing is missing.
+    confidence_ : float
+        Weight of the first finding among all that were tried in its place; without any, that none is there.
     noise_ : dict
         Estimated noise: standard deviation and colour of each output.
     data_findings_ : list of DataFinding

@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows
 WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
 FEWEST = 4
 MOST = 60  # more windows cost information on slow dynamics and bring little
+LONGEST = 50_000  # samples looked at; windows spread over a longer record stand for it
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
 
 
@@ -70,6 +71,18 @@ def cut(pieces, length: int, shortest: int) -> Windows:
     return Windows(integers[0], integers[1], np.array(fresh, dtype=bool), integers[2])
 
 
+def spread_out(windows: Windows, most: int = LONGEST) -> Windows:
+    """Return windows of at most ``most`` samples together, evenly spread over those given."""
+    lengths = windows.last - windows.first
+    if lengths.sum() <= most:
+        return windows
+    count = max(1, int(most // lengths.mean()))
+    chosen = np.unique(np.linspace(0, windows.count - 1, count).round().astype(int))
+    fresh = windows.fresh[chosen]
+    fresh |= np.diff(chosen, prepend=-2) > 1  # nothing is carried over from a window left out
+    return Windows(windows.first[chosen], windows.last[chosen], fresh, windows.began[chosen])
+
+
 def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
     """Return the number of samples in a window: many time constants, or a share of the record."""
     n_free = int(simulator.free_states.sum())
@@ -77,4 +90,4 @@ def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
     if pace.forgets and pace.time_constant > 0:
         wanted = TIME_CONSTANTS * pace.time_constant / simulator.dt
     length = np.clip(wanted, n_samples / MOST, n_samples / FEWEST)
-    return int(max(length, 8 * (n_free + 1)))
+    return int(max(min(length, LONGEST / FEWEST), 8 * (n_free + 1)))
