@@ -303,13 +303,22 @@ def test_a_terminal_that_was_asked_to_be_quiet_shows_no_bar(terminal, monkeypatc
     assert wait_for("end", shown).strip() == "end"
 
 
+# tests that run in the background inherit that SIGINT is ignored
+INTERRUPTIBLE = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from narx_sklearn.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 def test_an_interrupted_diagnosis_leaves_no_file_and_ends_with_130(bench, tmp_path, terminal):
     stream, shown = terminal
     record, model = str(bench / "bench.csv"), str(bench / "servo.py")
     command = ["diagnose", record, "--model", model, "--json", "result.json", "--report", "result.html"]
     root = Path(narx_sklearn.__file__).parents[1]
     with subprocess.Popen(
-        [sys.executable, "-m", "narx_sklearn", *command],
+        [sys.executable, "-c", INTERRUPTIBLE, *command],
         stdout=subprocess.PIPE,
         stderr=stream,
         cwd=tmp_path,
