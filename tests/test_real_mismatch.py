@@ -43,7 +43,7 @@ def test_silverbox_says_cubic_stiffness_and_extrapolates_to_the_arrow(cases, dia
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=False, reason="what friction leaves can turn the verdict to unknown on this record")
+@pytest.mark.xfail(strict=False, reason="the force comes out at 23.2 N, 14 % above; friction and mass hold")
 def test_emps_says_dry_friction_of_the_documented_size(cases, diagnose):
     outcome = diagnose(cases.emps(8000), max_effects=1)
     assert outcome.effects[0] in FRICTION
