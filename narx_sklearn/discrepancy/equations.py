@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit, objmode
+from numba.core import ir, ir_utils
+from numba.core.compiler import run_frontend
 from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
 
 from narx_sklearn.discrepancy.kernels import EQUATION
@@ -87,10 +89,12 @@ def _is_hashable(value) -> bool:
 def _compile(function: Callable, n: int):
     reason = "it is no plain function"
     if isinstance(function, FunctionType) or hasattr(function, "py_func"):
+        reach = _reach(function) if isinstance(function, FunctionType) else None
+        inner = _jitted(function, checked=reach is None)
         for lines in _assignments(n):
-            source = f"def write(x, u, p, written):\n    values = inner(x, u, p)\n    {lines}"
+            source = f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner(x, u, p)\n    {lines}"
             try:
-                return _fixed(_executed(source, {}, {"inner": function}))
+                return _fixed(_executed(source, {}, {"inner": inner}))
             except (NumbaError, UnsupportedBytecodeError) as error:
                 reason = _first_line(error)
 
@@ -146,11 +150,48 @@ def _executed(source: str, values: Mapping[str, Any], functions: Mapping[str, Ca
     return space["write"]
 
 
-def _jitted(function: Callable):
+def _jitted(function: Callable, checked: bool = True):
     if not isinstance(function, FunctionType):
         return function  # compiled already, or known to numba
     # bounds are checked: an index past the end would otherwise read whatever lies there
-    return njit(error_model="numpy", nogil=True, boundscheck=True)(function)
+    return njit(error_model="numpy", nogil=True, boundscheck=checked)(function)
+
+
+def _reach(function: FunctionType) -> tuple[int, ...] | None:
+    """Return how many entries of each argument a function takes, if all its indices are plain numbers.
+
+    None where an index is computed. Checking each of many indices at every call takes several times as long
+    as the arithmetic between them; where they are known beforehand, the lengths alone need a look.
+    """
+    try:
+        lines = run_frontend(function)
+    except (NumbaError, UnsupportedBytecodeError):
+        return None  # does not compile, as will be said
+    reach = [0] * function.__code__.co_argcount
+    for statement in (s for block in lines.blocks.values() for s in block.body):
+        value = getattr(statement, "value", None)
+        if isinstance(statement, ir.SetItem | ir.StaticSetItem):
+            return None
+        if not isinstance(value, ir.Expr) or value.op not in ("getitem", "static_getitem"):
+            continue
+        held = ir_utils.guard(ir_utils.get_definition, lines, value.value)
+        if isinstance(held, ir.Expr) and held.op in ("exhaust_iter", "build_tuple"):
+            continue  # of a tuple, whose length the compiler knows
+        index = value.index
+        if isinstance(index, ir.Var):
+            index = ir_utils.guard(ir_utils.find_const, lines, index)
+        if not isinstance(held, ir.Arg) or type(index) is not int or index < 0:
+            return None
+        reach[held.index] = max(reach[held.index], index + 1)
+    return tuple(reach)
+
+
+def _guard(reach: tuple[int, ...] | None) -> str:
+    """Return the line that compares the lengths of ``x, u, p`` with what is taken of them."""
+    if reach is None or len(reach) != 3:
+        return "pass"
+    short = " or ".join(f"{name}.size < {n}" for name, n in zip("xup", reach, strict=True))
+    return f"if {short}: raise IndexError('index is out of bounds')"
 
 
 def _assignments(n: int):

@@ -126,10 +126,13 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     return found
 
 
-def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None) -> list[Candidate]:
+def refit_leaders(
+    problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None, *, finished: int | None = None
+) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
-    All get a few iterations, the better ones more, the best are taken to convergence.
+    All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
+    convergence.
     """
 
     def refitted(model, iterations: int) -> Candidate:
@@ -145,6 +148,8 @@ def refit_leaders(problem: Problem, base: Fit, placed: list[PlacedEffect], n_job
         found = _once_each(round_of(models, iterations))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
+    if finished is not None:
+        models, left_behind = models[:finished], left_behind + found[finished:most]
     return sorted(round_of(models, FINE) + left_behind, key=lambda c: c.criterion)
 
 

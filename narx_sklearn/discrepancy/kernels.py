@@ -3,16 +3,19 @@
     x' = f(x, u, p) + sum_e force_e        (or x[k+1] = f(x[k], u[k], p) + sum_e force_e for a map)
     y  = h(x, u, p)
 
-The right-hand side, the output and the forces of the effects enter as first-class functions of one
+The right-hand side, the output and the forces of the effects enter by their addresses, as functions of one
 signature each, so this kernel is compiled once and kept on disk, and only the user's own few lines are
-compiled anew.
+compiled anew. (numba takes functions as arguments too, but looks each of them up at every call, which costs
+as much as the run of a thousand samples.)
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 MAX_EFFECTS = 4  # effects that act at state equations at the same time
 MAX_THETA = 12  # parameters of one effect; the last one is the share that spills onward
@@ -31,18 +34,58 @@ FORCE = types.float64(*[types.float64] * 6, VECTOR, VECTOR, VECTOR)
 """Signature of an effect's force: ``(argument, rate, own, second, time, step, z, theta, written dz)``."""
 
 
+ADDRESSES_KEPT = 256
+
+
+@intrinsic
+def _equation_at(typing_context, address):
+    """Return the function of the signature EQUATION that lies at an address."""
+    return _function_at(types.FunctionType(EQUATION), address)
+
+
+@intrinsic
+def _force_at(typing_context, address):
+    """Return the function of the signature FORCE that lies at an address."""
+    return _function_at(types.FunctionType(FORCE), address)
+
+
+def _function_at(kind, address):
+    def generate(context, builder, signature, arguments):
+        pointer = builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+        function = cgutils.create_struct_proxy(kind)(context, builder)
+        function.c_addr = pointer  # only looked at when there is no compiled address
+        function.jit_addr = pointer
+        return function._getvalue()
+
+    return kind(address), generate
+
+
+@lru_cache(maxsize=ADDRESSES_KEPT)
+def equation_address(function) -> int:
+    """Return where a compiled right-hand side or output lies, as long as it lives."""
+    return _address(function, EQUATION)
+
+
+@lru_cache(maxsize=ADDRESSES_KEPT)
+def force_address(function) -> int:
+    """Return where a compiled force lies, as long as it lives."""
+    return _address(function, FORCE)
+
+
+def _address(function, signature) -> int:
+    found = function.get_compile_result(signature)
+    return found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
 
 @njit(nogil=True, cache=True)
 def _simulate_windows(
-    equation,
-    output,
-    force_0,
-    force_1,
-    force_2,
-    force_3,
+    equation_address,
+    output_address,
+    force_addresses,
     n_forces,
     port,
     onward,
@@ -75,6 +118,12 @@ def _simulate_windows(
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
+    equation = _equation_at(equation_address)
+    output = _equation_at(output_address)
+    force_0 = _force_at(force_addresses[0])
+    force_1 = _force_at(force_addresses[1])
+    force_2 = _force_at(force_addresses[2])
+    force_3 = _force_at(force_addresses[3])
     n_states = x0.shape[1]
     n_inputs = u.shape[1]
     n_outputs = y_out.shape[1]
@@ -193,9 +242,9 @@ def _simulate_windows(
 def simulate_windows():
     """Return the compiled kernel, fixed to one signature so that no call compiles it again."""
     signature = (
-        types.FunctionType(EQUATION),
-        types.FunctionType(EQUATION),
-        *[types.FunctionType(FORCE)] * MAX_EFFECTS,
+        types.int64,
+        types.int64,
+        INTEGERS,
         types.int64,
         *[INTEGERS] * 2,
         MATRIX,

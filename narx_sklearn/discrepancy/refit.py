@@ -40,9 +40,8 @@ class Attempt(NamedTuple):
     cost: float
 
 
-def state_scale(problem: Problem, model: Model) -> np.ndarray:
+def state_scale(problem: Problem, model: Model, run: Run) -> np.ndarray:
     """Return a difference step for each initial state, from the size of its motion."""
-    run = problem.run(model)
     with np.errstate(invalid="ignore", over="ignore"):
         motion = np.nanstd(run.x[problem.rows[problem.inside]], axis=0)
         offset = np.nanmax(np.abs(model.x0), axis=0, initial=0.0)
@@ -91,9 +90,9 @@ def fit(
     free = np.ones(n_q, dtype=bool) if free is None else free
     scale_q = np.where(q != 0, np.abs(q), 1.0)
     chosen = np.flatnonzero(problem.simulator.free_states)
-    x_steps = state_scale(problem, model)
     damping, converged = 1e-3, False
     run = problem.run(model)
+    x_steps = state_scale(problem, model, run)
     residual = problem.residual(run)
     cost = _cost(residual)
     done = 0

@@ -15,6 +15,8 @@ from narx_sklearn.discrepancy.kernels import (
     MAX_THETA,
     SPILL,
     compiled_force,
+    equation_address,
+    force_address,
     no_force,
     simulate_windows,
 )
@@ -171,8 +173,8 @@ class Simulator(ABC):
         equation, output = self._equations()
         try:
             failed = simulate_windows()(
-                equation,
-                output,
+                equation_address(equation),
+                equation_address(output),
                 *_slots(forces, len(self.states)),
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
@@ -328,7 +330,8 @@ def _slots(forces, n_states: int):
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
-    return *functions, n, port, onward, weights, second, strength, theta, memory, jumps
+    addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
+    return addresses, n, port, onward, weights, second, strength, theta, memory, jumps
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
