@@ -205,7 +205,7 @@ class TestLatePieces:
         [
             ("additive_drift", Port("output", 0), (0.8, 10.0, 2.0, -6.0)),
             ("periodic_disturbance", Port("state", 1), (2.0, 1.3, 0.4)),
-            ("backlash", Port("input", 0), (1.0, 1.5)),
+            ("backlash", Port("input", 0), (1.0, 1.5, 0.0)),
             ("gain_drift", Port("input", 0), (0.5, 9.0, 0.1)),
         ],
     )

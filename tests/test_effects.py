@@ -25,7 +25,7 @@ from narx_sklearn.physics.effects import (
     register_effect,
     unregister_effect,
 )
-from narx_sklearn.physics.effects._clearance import _play_run, _stiction_run
+from narx_sklearn.physics.effects._clearance import _plays_run, _stiction_run
 from narx_sklearn.physics.effects._dynamics import _lag_run, _mode_matrices, _mode_run
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
 from narx_sklearn.physics.effects._hysteresis import N_PLAYS, _bouc_wen_run, _creep_run, _weighted_plays_run
@@ -285,7 +285,8 @@ class TestForces:
             ("overflow", [5.0], {"argument": 6.0, "own": -3.0}, 0.0),  # falls freely
             ("cubic_stiffness", [2.0], {"argument": -2.0}, 16.0),
             ("quadratic_stiffness", [2.0], {"argument": -2.0}, -8.0),
-            ("bilinear_stiffness", [2.0], {"argument": -3.0}, -6.0),
+            ("bilinear_stiffness", [2.0, -1.0], {"argument": -3.0}, 6.0),
+            ("bilinear_stiffness", [2.0, 1.0], {"argument": -3.0}, 0.0),
             ("gravity", [9.81, 0.0], {"argument": np.pi / 6}, -4.905),
             ("gravity", [9.81, np.pi / 2], {"argument": 0.0}, -9.81),
             ("cogging", [2.0, 6.0, 0.0, 0.5], {"argument": np.pi / 12}, 2.0),
@@ -307,8 +308,8 @@ class TestForces:
             ("additive_drift", [2.0, 0.0, 0.0, 0.0], {"time": 3.0}, 2.0),
             ("additive_drift", [2.0, 1.0, -1.0, 4.0], {"time": np.log(2.0)}, 1.5),  # 2 (1/2 - 1/4 + 4/8)
             ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
-            ("backlash", [4.0, 0.1], {"argument": 1.0, "z": [0.5, 1.0]}, 4 * (0.9 - 1.0)),
-            ("backlash", [4.0, 0.1], {"argument": 1.0}, 0.0),  # begins centred
+            ("backlash", [4.0, 0.1, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
+            ("backlash", [4.0, 0.1, 0.5], {"argument": 1.0}, 0.0),  # begins centred
             ("bouc_wen_hysteresis", [4.0, 1.0, 0.75, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
             ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
@@ -349,8 +350,8 @@ class TestForces:
         z = np.zeros(MAX_MEMORY)
         forces = []
         for value in x:
-            force, dz = force_of(CATALOGUE["backlash"], [2.0, 0.3], value, z=z)
-            z[:2] = dz
+            force, dz = force_of(CATALOGUE["backlash"], [2.0, 0.3, 0.0], value, z=z)
+            z[: len(dz)] = dz
             forces.append(force)
         followed = play(x, 0.3, initial_state=x[0])[:, 0]
         np.testing.assert_allclose(forces, 2.0 * (followed - x), atol=1e-14)
@@ -543,7 +544,7 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("backlash", [1.0, 0.0]),
+            ("backlash", [1.0, 0.0, 0.5]),
             ("dead_zone", [0.0, 0.0, 0.0]),
             ("dead_zone", [0.0, 0.5, 0.2]),
             ("valve_stiction", [0.0, 0.5]),
@@ -576,7 +577,7 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("backlash", [1.0, 0.3]),
+            ("backlash", [1.0, 0.3, 0.0]),
             ("valve_stiction", [0.6, 0.5]),
             ("rate_limit", [0.5]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 0.75, 1.0]),
@@ -671,7 +672,7 @@ class TestTransforms:
         signal = wideband()
         np.testing.assert_allclose(
             transformed("valve_stiction", signal, [0.6, 0.0]),
-            transformed("backlash", signal, [1.0, 0.3]),
+            transformed("backlash", signal, [1.0, 0.3, 0.0]),
             atol=1e-12,
         )
 
@@ -710,7 +711,7 @@ class TestTransforms:
             (_bouc_wen_run, (1e-4, 0.75, 1.0)),
             (_weighted_plays_run, (1.0, 0.5)),
             (_creep_run, (DT, 0.5)),
-            (_play_run, (0.3,)),
+            (_plays_run, (0.3, 0.5)),
             (_stiction_run, (0.5, 0.2)),
             (_rate_limit_run, (0.05,)),
             (_lag_run, (0.9, 0.05)),
@@ -764,7 +765,7 @@ class TestHysteresis:
     @pytest.mark.parametrize("code", ["bouc_wen_hysteresis", "prandtl_ishlinskii", "backlash"])
     def test_hysteresis_does_not_depend_on_speed(self, code):
         theta = {"bouc_wen_hysteresis": [0.5, 0.4, 0.75, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0]}
-        theta = theta.get(code, [1.0, 0.3])
+        theta = theta.get(code, [1.0, 0.3, 0.5])
         slow = np.sin(np.linspace(0, 10, 4001))
         np.testing.assert_allclose(
             transformed(code, slow, theta)[::4], transformed(code, slow[::4], theta), atol=2e-3
@@ -776,7 +777,7 @@ class TestHysteresis:
             ("bouc_wen_hysteresis", [3.0, 0.4, 0.75, 1.0]),
             ("bouc_wen_hysteresis", [3.0, 0.4, 0.5, 2.0]),
             ("prandtl_ishlinskii", [3.0, 0.7, 0.0]),
-            ("backlash", [3.0, 0.3]),
+            ("backlash", [3.0, 0.3, 0.0]),
         ],
     )
     def test_a_hysteretic_force_takes_energy_out_of_every_cycle(self, code, theta):
@@ -925,8 +926,29 @@ class TestStarts:
     def test_a_standstill_of_the_sensor_is_found(self):
         signal = wideband()
         shown = transformed("stuck_sensor", signal, [4.0, 1.5])
-        starts = CATALOGUE["stuck_sensor"].starts(setting_of(signal, residual=shown - signal))
-        np.testing.assert_allclose(starts[0], [4.0, 1.5], atol=1.01 * DT)
+        found, n_tried = CATALOGUE["stuck_sensor"].scan(setting_of(signal, residual=shown - signal))
+        assert n_tried > signal.size
+        begin, duration = found[0]
+        assert 3.5 < begin < 4.2  # lengths grow by a third
+        assert 5.3 < begin + duration < 6.2
+
+    def test_a_stuck_sensor_is_found_under_noise(self):
+        signal = wideband()
+        noise = 0.05 * np.std(signal) * np.random.default_rng(3).standard_normal(signal.size)
+        shown = transformed("stuck_sensor", signal, [4.0, 0.2]) + noise
+        begin, duration = CATALOGUE["stuck_sensor"].scan(setting_of(signal, residual=shown - signal))[0][0]
+        assert abs(begin - 4.0) < 0.1
+        assert abs(duration - 0.2) < 0.1
+
+    @pytest.mark.parametrize("offset", [0.0, 40.0])
+    def test_steps_under_noise_are_found_by_trying_all(self, offset):
+        signal = wideband() + offset
+        step = 0.21 * np.std(signal)
+        noise = 0.4 * step * np.random.default_rng(4).standard_normal(signal.size)
+        residual = step * np.round(signal / step) - signal + noise
+        found, n_tried = CATALOGUE["quantisation"].scan(setting_of(signal, residual=residual))
+        assert n_tried > 50
+        np.testing.assert_allclose(found[0], step, rtol=0.01)
 
 
 def a_magnet(argument, rate, own, second, time, step, z, theta, dz):

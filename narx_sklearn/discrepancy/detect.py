@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.stats import norm
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual
 
@@ -13,7 +14,7 @@ FEWEST_BLOCKS = 60
 NEIGHBOURS = 101  # ordinates of the periodogram that tell the level around a line
 SLOW = 8  # periods in the record, below which a line and a drift are one
 A_LINE = 12.0  # times its neighbours' level: a line of the input
-WIDER = 2.0  # price of the line test beside the test over the bank
+WIDER = 3.0  # price of the tests of lines and of scanned values beside the test over the bank
 
 
 class Detection(NamedTuple):
@@ -25,6 +26,7 @@ class Detection(NamedTuple):
     p_bank: float  # of the bank alone
     p_line: float  # of the strongest line in the residual that the input has not
     line_frequency: float  # of that line, cycles a sample
+    p_scan: float  # of the best of the values that were scanned for
 
 
 def blocks_of(values: np.ndarray, n_outputs: int, length: int) -> np.ndarray:
@@ -48,6 +50,7 @@ def detect(
     n_samples: int,
     n_fitted: int,
     u: np.ndarray | None = None,
+    tried: np.ndarray | None = None,
     draws: int = DRAWS,
     random_state=None,
 ) -> Detection:
@@ -71,21 +74,20 @@ def detect(
         Parameters and initial states fitted, for the degrees of freedom.
     u : ndarray of shape (W, L, n_inputs), optional
         Inputs in the windows: a line that the input has is no disturbance.
+    tried : ndarray of shape (n_columns,), optional
+        Of how many values a column is the best; 0 where it was not scanned for. Such columns are not
+        ``allowed``, but tested on their own.
     """
     noise, used = flexible_residual(bank, n_samples)
     noise = noise * np.sqrt(n_samples / max(n_samples - n_fitted - used, 1))
     frequency, p_line = strongest_line(bank.residual, n_outputs, u)
     use = bank.useful & allowed
+    length = block_length(*_times(bank, n_outputs))
+    p_scan = 1.0 if tried is None else _scanned(bank, tried, noise, n_outputs, n_samples, length)
     t = np.zeros(bank.n_columns)
     if not use.any():
-        return Detection(t, p_line, np.ones(bank.n_columns), 1.0, p_line, frequency)
-    length = block_length(*_times(bank, n_outputs))
-    products = blocks_of(bank.columns[:, :, use] * noise[:, :, None], n_outputs, length)
-    products = products[np.any(products != 0, axis=1)]
-    spread = np.sqrt(np.einsum("bj,bj->j", products, products))
-    # never less than what white noise of this size gives: a column alive in few samples has few products
-    floor = np.sqrt(np.diag(bank.gram)[use] * np.einsum("wt,wt->", noise, noise) / n_samples)
-    spread = np.maximum(spread, floor)
+        return Detection(t, min(p_line, p_scan), np.ones(bank.n_columns), 1.0, p_line, frequency, p_scan)
+    products, spread = _products(bank, use, noise, n_outputs, n_samples, length)
     t[use] = np.abs(bank.plain[use]) / spread
     rng = np.random.default_rng(random_state)
     unit = products / spread
@@ -97,7 +99,31 @@ def detect(
     above = draws - np.searchsorted(largest, t * (1 - 1e-9), side="left")
     p = np.where(use, (1.0 + above) / (1.0 + draws), 1.0)
     p_bank = float(p.min())
-    return Detection(t, min(p_bank, p_line), p, p_bank, p_line, frequency)
+    return Detection(t, min(p_bank, p_line, p_scan), p, p_bank, p_line, frequency, p_scan)
+
+
+def _products(
+    bank: Bank, use: np.ndarray, noise: np.ndarray, n_outputs: int, n_samples: int, length: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return columns times noise by blocks, (n_blocks, n), and the standard deviation of their sums, (n,)."""
+    products = blocks_of(bank.columns[:, :, use] * noise[:, :, None], n_outputs, length)
+    products = products[np.any(products != 0, axis=1)]
+    spread = np.sqrt(np.einsum("bj,bj->j", products, products))
+    # never less than what white noise of this size gives: a column alive in few samples has few products
+    floor = np.sqrt(np.diag(bank.gram)[use] * np.einsum("wt,wt->", noise, noise) / n_samples)
+    return products, np.maximum(spread, floor)
+
+
+def _scanned(
+    bank: Bank, tried: np.ndarray, noise: np.ndarray, n_outputs: int, n_samples: int, length: int
+) -> float:
+    """Return the p-value of the columns that are the best of many; all that were tried pay (Bonferroni)."""
+    use = bank.useful & (tried > 0)
+    if not use.any():
+        return 1.0
+    spread = _products(bank, use, noise, n_outputs, n_samples, length)[1]
+    t = bank.plain[use] / np.where(spread > 0, spread, np.inf)  # in the direction in which it acts
+    return float(min(1.0, WIDER * np.min(tried[use] * norm.sf(t))))
 
 
 def _times(bank: Bank, n_outputs: int) -> tuple[int, int]:

@@ -175,7 +175,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> Candidate | None:
     """Return the best single effect under white noise, fully fitted."""
-    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0)
+    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0, 0.0)
     placed = leaders(bank, settings.n_leaders, certain, 1.0)
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
     return found[0] if found else None

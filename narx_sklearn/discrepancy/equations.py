@@ -92,7 +92,9 @@ def _compile(function: Callable, n: int):
         reach = _reach(function) if isinstance(function, FunctionType) else None
         inner = _jitted(function, checked=reach is None)
         for lines in _assignments(n):
-            source = f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner(x, u, p)\n    {lines}"
+            source = (
+                f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner(x, u, p)\n    {lines}"
+            )
             try:
                 return _fixed(_executed(source, {}, {"inner": inner}))
             except (NumbaError, UnsupportedBytecodeError) as error:

@@ -17,6 +17,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
 STARTS = 2  # of one leader that are tried
+TWINS = 7  # leaders that are also tried from the simulator's own parameter values
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
@@ -110,8 +111,7 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     for j in np.argsort(-gain, kind="stable"):
         if gain[j] <= 0:
             break
-        of_a_line = bank.placed(j).effect.code in LINES
-        if (detection.p_line if of_a_line else detection.p_bank) > alpha:
+        if _speaking_for(bank.placed(j), detection) > alpha:
             continue  # the test that speaks for this kind of effect was silent
         best.setdefault(int(bank.owner[j]), []).append(int(j))
     found = []
@@ -126,13 +126,21 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     return found
 
 
+def _speaking_for(placed: PlacedEffect, detection: Detection) -> float:
+    """Return the p-value of the test that can see such an effect."""
+    if placed.effect.code in LINES:
+        return detection.p_line
+    return min(detection.p_bank, detection.p_scan) if placed.effect.scan else detection.p_bank
+
+
 def refit_leaders(
     problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None, *, finished: int | None = None
 ) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
     All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
-    convergence.
+    convergence. Where nothing is in the model yet, some start from the simulator's own parameter values too:
+    what the refit made of them without the effect may lie in another valley.
     """
 
     def refitted(model, iterations: int) -> Candidate:
@@ -148,6 +156,8 @@ def refit_leaders(
         found = _once_each(round_of(models, iterations))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
+        if iterations == ROUNDS[0][0] and not base.model.effects:
+            models += [m._replace(p=problem.simulator.nominal) for m in models[:TWINS]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
     return sorted(round_of(models, FINE) + left_behind, key=lambda c: c.criterion)
@@ -211,7 +221,7 @@ def search(
 
 def _left_to_the_fits(detection: Detection) -> Detection:
     """Return a detection that leaves the decision to the fits: tangents tell little of what dominates."""
-    return detection._replace(p_value=0.0, p_bank=0.0, p_line=0.0)
+    return detection._replace(p_value=0.0, p_bank=0.0, p_line=0.0, p_scan=0.0)
 
 
 def _confirmed(
@@ -226,26 +236,18 @@ def _confirmed(
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
     """Test a bank whose columns act in their physical sense (or those ``allowed``)."""
-    blind = np.array(
-        [
-            tuned is None or not tuned[s]
-            for tuned, s in ((bank.hypotheses[h].tuned, s) for h, s in _pairs(bank))
-        ],
-        dtype=bool,
-    )
+    pairs = [(bank.hypotheses[h], s) for h, s in zip(bank.owner, bank.start, strict=True)]
+    blind = np.array([not hypothesis.tuned[s] for hypothesis, s in pairs], dtype=bool)
     return detect(
         bank,
         blind & (gains(bank).gain > 0 if allowed is None else allowed),
         u=_driving(problem),
+        tried=np.array([hypothesis.tried[s] for hypothesis, s in pairs]),
         n_outputs=problem.y.shape[1],
         n_samples=problem.n_seen,
         n_fitted=base.model.q.size + problem.n_initial,
         random_state=random_state,
     )
-
-
-def _pairs(bank: Bank):
-    return zip(bank.owner, bank.start, strict=True)
 
 
 def _driving(problem: Problem) -> np.ndarray:

@@ -130,7 +130,8 @@ def _unnamed(code: str, equation: str, names, fixed, force, port: Port, weights,
         argument_name=signal[0],
         argument_unit=signal[1],
     )
-    return Hypothesis(placed, starts)
+    none = np.zeros(len(starts))
+    return Hypothesis(placed, starts, none.astype(bool), none)
 
 
 def _none(setting):

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.simulator import Run, Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
 
-READ_OFF = {"quantisation", "stuck_sensor", "sensor_clip"}
+READ_OFF = {"quantisation", "sensor_clip"}
 OF_MOTION = {  # effects of things that move, which a level or a temperature does not
     "viscous_damping",
     "coulomb_friction",
@@ -37,9 +37,8 @@ class Hypothesis(NamedTuple):
 
     placed: PlacedEffect
     starts: np.ndarray  # (n_starts, n_theta)
-    tuned: np.ndarray | None = (
-        None  # (n_starts,) bool: found by looking at the residual, so no test may use them
-    )
+    tuned: np.ndarray  # (n_starts,) bool: found by looking at the residual, so no test may use them freely
+    tried: np.ndarray  # (n_starts,) of how many values it is the best, where a scan found it; else 0
 
 
 def enumerate_hypotheses(
@@ -56,15 +55,23 @@ def enumerate_hypotheses(
         for placed in placements(effect, simulator, structure):
             setting = material.setting(placed)
             starts = _starts(effect, setting, placed)
-            if len(starts):
+            scanned, n_tried = _scan(effect, setting, placed)
+            if len(starts) + len(scanned):
                 blind = _starts(effect, setting._replace(residual=None), placed)
                 # what is read off the measured values themselves (their steps, their repeats) is no residual
                 tuned = (
                     np.zeros(len(starts), dtype=bool)
                     if effect.code in READ_OFF
-                    else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts])
+                    else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts], dtype=bool)
                 )
-                found.append(Hypothesis(placed, starts, tuned))
+                found.append(
+                    Hypothesis(
+                        placed,
+                        np.concatenate([starts, scanned]),
+                        np.append(tuned, np.ones(len(scanned), dtype=bool)),
+                        np.append(np.zeros(len(starts)), np.full(len(scanned), n_tried)),
+                    )
+                )
     return found
 
 
@@ -76,6 +83,14 @@ def _starts(effect: Effect, setting: Setting, placed: PlacedEffect) -> np.ndarra
     if placed.onward >= 0:
         starts = np.column_stack([starts, np.full(len(starts), 0.5)])
     return starts[np.all(np.isfinite(starts), axis=1)]
+
+
+def _scan(effect: Effect, setting: Setting, placed: PlacedEffect) -> tuple[np.ndarray, int]:
+    if effect.scan is None or setting.residual is None:
+        return np.empty((0, placed.n_theta)), 0
+    with np.errstate(all="ignore"):
+        rows, n_tried = effect.scan(setting)
+    return rows[np.all(np.isfinite(rows), axis=1)], n_tried
 
 
 def placements(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:

@@ -21,6 +21,7 @@ MAX_EFFECTS = 4  # effects that act at state equations at the same time
 MAX_THETA = 12  # parameters of one effect; the last one is the share that spills onward
 SPILL = MAX_THETA - 1
 MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
+AT_ONCE = 1e-6  # of a step
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
 VECTOR = types.Array(types.float64, 1, "C")
@@ -81,6 +82,33 @@ def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
 
+@njit(nogil=True, inline="always")
+def _force(
+    e,
+    force_0,
+    force_1,
+    force_2,
+    force_3,
+    argument,
+    rate,
+    own,
+    other,
+    time,
+    step,
+    z,
+    theta,
+    dz,
+):
+    """Return the force of effect e: one name each, for an array of functions is experimental in numba."""
+    if e == 0:
+        return force_0(argument, rate, own, other, time, step, z, theta, dz)
+    if e == 1:
+        return force_1(argument, rate, own, other, time, step, z, theta, dz)
+    if e == 2:
+        return force_2(argument, rate, own, other, time, step, z, theta, dz)
+    return force_3(argument, rate, own, other, time, step, z, theta, dz)
+
+
 @njit(nogil=True, cache=True)
 def _simulate_windows(
     equation_address,
@@ -95,6 +123,7 @@ def _simulate_windows(
     theta,
     memory,
     jumps,
+    after,
     p,
     x0,
     u,
@@ -114,7 +143,8 @@ def _simulate_windows(
 
     The states of the effects, z, are carried from one window to the next and start at zero where `fresh`.
     A force writes dz/dt; where the effect `jumps` (play operators) it writes z itself, after the move to the
-    present argument.
+    present argument. A force that acts `after` the step too is a hard limit: within the step it acts at once
+    where the limit has been reached, and then on the mean rate of the whole step, so that it is met exactly.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -131,6 +161,7 @@ def _simulate_windows(
     stage = np.empty(n_states)
     slope = np.empty((4, n_states))
     nominal = np.empty(n_states)
+    before = np.empty(n_states)
     now = np.empty(n_inputs)
     observed = np.empty(n_outputs)
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
@@ -168,6 +199,8 @@ def _simulate_windows(
             for i in range(n_outputs):
                 y_out[k, i] = observed[i]
             for s in range(substeps):
+                for i in range(n_states):
+                    before[i] = x[i]
                 for r in range(n_stages):
                     # Runge-Kutta of order four: stages at 0, h/2, h/2, h
                     step = 0.0 if r == 0 else (0.5 * h if r < 3 else h)
@@ -198,23 +231,22 @@ def _simulate_windows(
                         other = now[second[e]] if second[e] >= 0 else 0.0
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
-                        # one name a force: a tuple of functions would do, were it not experimental in numba
-                        if e == 0:
-                            force = force_0(
-                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
-                            )
-                        elif e == 1:
-                            force = force_1(
-                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
-                            )
-                        elif e == 2:
-                            force = force_2(
-                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
-                            )
-                        else:
-                            force = force_3(
-                                argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[r, e]
-                            )
+                        force = _force(
+                            e,
+                            force_0,
+                            force_1,
+                            force_2,
+                            force_3,
+                            argument,
+                            rate,
+                            own,
+                            other,
+                            time,
+                            force_step * (AT_ONCE if after[e] else 1.0),
+                            z_stage[e],
+                            theta[e],
+                            dz[r, e],
+                        )
                         force *= strength[e]
                         slope[r, port[e]] += force
                         if onward[e] >= 0:
@@ -225,6 +257,40 @@ def _simulate_windows(
                 else:
                     for i in range(n_states):
                         x[i] += h / 6.0 * (slope[0, i] + 2 * slope[1, i] + 2 * slope[2, i] + slope[3, i])
+                for e in range(n_forces):
+                    if not after[e]:
+                        continue
+                    argument = 0.0
+                    rate = 0.0
+                    for i in range(n_states):
+                        argument += weights[e, i] * before[i]
+                        rate += weights[e, i] * (x[i] - before[i]) / h
+                    other = now[second[e]] if second[e] >= 0 else 0.0
+                    own = (x[port[e]] - before[port[e]]) / force_step
+                    time = (k - began[w]) * dt + s * h
+                    force = (
+                        force_step
+                        * strength[e]
+                        * _force(
+                            e,
+                            force_0,
+                            force_1,
+                            force_2,
+                            force_3,
+                            argument,
+                            rate,
+                            own,
+                            other,
+                            time,
+                            force_step,
+                            z_stage[e],
+                            theta[e],
+                            dz[0, e],
+                        )
+                    )
+                    x[port[e]] += force
+                    if onward[e] >= 0:
+                        x[onward[e]] -= theta[e, SPILL] * force
                 for e in range(n_forces):
                     for j in range(memory[e]):
                         if jumps[e]:
@@ -252,6 +318,7 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         INTEGERS,
+        FLAGS,
         FLAGS,
         VECTOR,
         MATRIX,

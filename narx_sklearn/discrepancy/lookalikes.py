@@ -15,7 +15,8 @@ CLEARLY = 2.0  # standard deviations by which a rival must fail to be called wor
 ALIKE = 2.0  # difference of the criterion that says nothing
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
-SAME = 12.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
+ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
+SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
@@ -23,7 +24,8 @@ SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 def likeliest(candidates: list[Candidate]) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
-    Natural is an effect made for the unit of its argument (gravity for an angle), then fewer parameters.
+    Natural is an effect made for the unit of its argument (gravity for an angle), if the data tell its
+    parameters apart (gravity at one angle is a constant load), then fewer parameters.
     """
     best = min(candidates, key=lambda c: c.criterion)
     alike = [
@@ -34,7 +36,18 @@ def likeliest(candidates: list[Candidate]) -> Candidate:
 
 def _at_home(candidate: Candidate) -> bool:
     last = candidate.effects[-1]
-    return bool(last.effect.argument_units) and last.argument_unit in last.effect.argument_units
+    return last.effect.argument_units == (last.argument_unit,) and _told_apart(candidate)
+
+
+def _told_apart(candidate: Candidate) -> bool:
+    """Tell whether the last effect's parameters change the run in ways of their own."""
+    n = candidate.effects[-1].n_theta
+    J = candidate.fit.jacobian
+    columns = out_of(J[:, :, :-n], J[:, :, -n:]).reshape(-1, n)
+    length = np.linalg.norm(columns, axis=0)
+    if not np.all(length > 0):
+        return False
+    return bool(np.linalg.eigvalsh(columns.T @ columns / np.outer(length, length))[0] > ONE_WAY)
 
 
 def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
@@ -44,6 +57,12 @@ def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
     theirs = [e for e in other.effects if e.place not in places]
     alike = len(mine) == len(theirs) == 1 and theirs[0].effect.code in mine[0].effect.lookalikes
     return theirs[0] if alike else None
+
+
+def _holds(best: Candidate, other: Candidate) -> bool:
+    """Tell whether what stands in another's place becomes it at an edge of its parameters."""
+    mine = {e.effect.code for e in best.effects} - {e.effect.code for e in other.effects}
+    return any(code in e.effect.holds for e in other.effects for code in mine)
 
 
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
@@ -78,8 +97,8 @@ def look_alikes(
     parameters projected out, with a variance from short blocks.
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
-    worse than a form may be wrong by. One with further parameters that came to the same run as the best holds
-    it as a special case; it stays if it fits as well with an ordinary shape, far from that special case.
+    worse than a form may be wrong by. One that holds the best as a special case and came to the same run stays
+    if it fits as well with an ordinary shape, far from that special case.
 
     Parameters
     ----------
@@ -99,7 +118,7 @@ def look_alikes(
         extra = other.fit.model.q.size - best.fit.model.q.size
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
-        if declared and extra > 0 and apart < SAME * extra * unit:
+        if declared and _holds(best, other) and apart < SAME * max(extra, 1) * unit:
             cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
         elif behind <= HARDLY or (declared and worse <= tolerated):

@@ -5,6 +5,7 @@ from numbers import Integral
 
 import numpy as np
 import pandas as pd
+from scipy.stats import chi2
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
@@ -27,7 +28,15 @@ from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
-from narx_sklearn.discrepancy.verify import compared, free_run, initial_state, score_table, squared_errors
+from narx_sklearn.discrepancy.verify import (
+    SURELY,
+    compared,
+    free_run,
+    gained,
+    initial_state,
+    score_table,
+    squared_errors,
+)
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
@@ -481,7 +490,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.location_ = locate(diagnosis, self.random_state)
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
-        if self.findings_ and self._harms():
+        if self.findings_ and self._harms(held_out):
             # what was found makes held-out samples worse: it is no explanation, and is not used
             self.verdict_ = "unknown"
             self.simulator_ = self.refitted_simulator_
@@ -504,13 +513,19 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
 
-    def _harms(self) -> bool:
+    def _harms(self, held_out) -> bool:
         """Tell whether the corrected simulation is surely worse on held-out samples, or leaves all range."""
-        if "removed_high" not in self.scores_:
-            return False
-        errors = self.scores_["nrmse"]
-        lost = np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"])
-        return bool(lost or self.scores_["removed_high"].to_numpy(dtype=float)[-1] < 0)
+        if not self.scores_.empty:
+            errors = self.scores_["nrmse"]
+            if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
+                return True
+        found = self._diagnosis
+        guesses = (found.refitted.model.x0[-1], self._guess)
+        less = gained(found.problem, self.refitted_simulator_, self.simulator_, held_out, guesses)
+        # what the uncertainty of its parameters costs on other samples is no harm
+        by_chance = chi2.isf(0.01, found.best.fit.model.q.size) * found.best.fit.cost / found.best.n_samples
+        surely = max(SURELY * np.sqrt(np.sum(less**2)), by_chance)
+        return bool(np.all(np.isfinite(less)) and less.sum() < -surely)
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         n = len(self.simulator.parameters)

@@ -317,21 +317,21 @@ def _slots(forces, n_states: int):
     functions = [compiled_force(placed.effect.force) for placed, _ in forces]
     port, onward, second = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps = np.zeros(MAX_EFFECTS, dtype=bool)
+    jumps, after = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(2))
     weights = np.zeros((MAX_EFFECTS, n_states))
     strength = np.zeros(MAX_EFFECTS)
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
         port[i], onward[i], second[i] = placed.port.index, placed.onward, placed.second
-        memory[i], jumps[i], strength[i] = effect.n_memory, effect.jumps, scale
+        memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         weights[i, : len(placed.weights)] = placed.weights
         theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
-    return addresses, n, port, onward, weights, second, strength, theta, memory, jumps
+    return addresses, n, port, onward, weights, second, strength, theta, memory, jumps, after
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:

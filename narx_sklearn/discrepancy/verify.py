@@ -9,9 +9,12 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.start import fit_initial_states
+from narx_sklearn.discrepancy.windows import cut
 
 BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000
+SURELY = 1.64  # standard errors
 
 
 def compared(dx) -> dict[str, Simulator]:
@@ -97,6 +100,42 @@ def squared_errors(simulators: dict, u, y, pieces, n_init: int, guesses: dict) -
         with np.errstate(invalid="ignore"):
             found[name] = np.array([np.nanmean(block, axis=0) for block in blocks if len(block)])
     return found
+
+
+def gained(
+    problem: Problem, before: Simulator, after: Simulator, pieces, guesses: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return what a corrected simulator takes off the cost of held-out stretches, block by block.
+
+    The stretches are cut and weighted as those of the fit were, their initial states fitted: what an
+    integrator makes of a small error in its initial state or parameters counts only as long as it did there.
+
+    Parameters
+    ----------
+    problem : Problem
+        The windows and the noise of the fit.
+    pieces : list of (slice, int)
+        Stretches without gaps, each with the first sample of its session.
+
+    Returns
+    -------
+    ndarray of shape (n_blocks,)
+        In noise variances; not finite where a run leaves the finite range. Empty where no stretch is long
+        enough.
+    """
+    length = int(np.median(problem.windows.last - problem.windows.first))
+    windows = cut(pieces, length, 4 * (int(problem.simulator.free_states.sum()) + 1))
+    if not windows.count:
+        return np.empty(0)
+    costs = []
+    for simulator, guess in zip((before, after), guesses, strict=True):
+        own = Problem(simulator, problem.u, problem.y, windows, problem.noise)
+        known = simulator.known_states(problem.u, problem.y, windows.first)
+        found = fit_initial_states(own, np.where(np.isfinite(known), known, guess))
+        costs.append(found.residual**2 if np.isfinite(found.cost) else np.full_like(found.residual, np.inf))
+    with np.errstate(invalid="ignore"):
+        less = (costs[0] - costs[1]).ravel()
+    return np.array([block.sum() for block in np.array_split(less, BLOCKS)])
 
 
 def score_table(

@@ -19,36 +19,49 @@ from narx_sklearn.physics.effects._starts import (
     working_points,
 )
 
-ROUNDED = 0.1  # of a dead zone's half-width: the rounding of its edges to begin with
+N_GAPS = 4  # that share a play whose corners are rounded
+ROUNDED = 0.1  # of the half-width of a play or a dead zone: the rounding of its corners to begin with
 
 
 @kernel
-def _play_run(values, radius):
-    """Return the play operator along values; it starts centred on the first."""
+def _radius(b, s, j):
+    """Return the half-width of one of the gaps that share the play, evenly spread about b."""
+    return b * (1.0 + s * ((2.0 * j + 1.0) / N_GAPS - 1.0))
+
+
+@kernel
+def _plays_run(values, b, s):
+    """Return the mean of the gaps' play operators along values; they start centred on the first."""
     out = np.empty(values.size)
-    w = values[0]
+    w = np.full(N_GAPS, values[0])
     for k in range(values.size):
-        w = play_step(w, values[k], radius)
-        out[k] = w
+        total = 0.0
+        for j in range(N_GAPS):
+            w[j] = play_step(w[j], values[k], _radius(b, s, j))
+            total += w[j]
+        out[k] = total / N_GAPS
     return out
 
 
 def _backlash_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * (by_pieces(_play_run, signal, first, theta[1]) - signal)
+    return signal + theta[0] * (by_pieces(_plays_run, signal, first, theta[1], theta[2]) - signal)
 
 
 @kernel
 def _backlash(argument, rate, own, second, time, step, z, theta, dz):
-    """z[0] is the follower, z[1] tells that it has begun: centred where the motion begins."""
-    before = z[0] if z[1] > 0.0 else argument
-    dz[0] = play_step(before, argument, theta[1])
-    dz[1] = 1.0
-    return theta[0] * (dz[0] - argument)
+    """z holds the followers, and last whether they have begun: centred where the motion begins."""
+    total = 0.0
+    for j in range(N_GAPS):
+        before = z[j] if z[N_GAPS] > 0.0 else argument
+        dz[j] = play_step(before, argument, _radius(theta[1], theta[2], j))
+        total += dz[j]
+    dz[N_GAPS] = 1.0
+    return theta[0] * (total / N_GAPS - argument)
 
 
 def _backlash_starts(setting: Setting) -> np.ndarray:
     """At an input all of the motion is lost; in a state equation the force is what is of ordinary size."""
-    rows = grid([1.0], np.array([0.05, 0.15, 0.5]) * spread(setting.argument))
+    rows = grid([1.0], np.array([0.05, 0.15, 0.5]) * spread(setting.argument), [ROUNDED])
     if at_signal(setting):
         return telling(setting, rows, _backlash_transform)
     return scaled(
@@ -156,7 +169,7 @@ def _stiction_starts(setting: Setting) -> np.ndarray:
 
 
 def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return plays(argument, theta[1])
+    return plays(argument, *np.unique([_radius(theta[1], theta[2], j) for j in range(N_GAPS)]))
 
 
 def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -177,14 +190,19 @@ CLEARANCE = (
         title="Backlash",
         sentence="At every reversal some motion is lost before the other side is touched again.",
         equation="s + k (P_b[s] - s) at an input, k = 1 for full lost motion; k (P_b[x] - x) in a state "
-        "equation; P_b is the play of half-width b",
-        parameters=(EffectParameter("k", "{port}/({arg})", 0.0), EffectParameter("b", "{arg}", 0.0)),
+        "equation; P_b is the play of half-width b, the mean of four from (1 - 3 r/4) b to (1 + 3 r/4) b, as "
+        "where the parts give way",
+        parameters=(
+            EffectParameter("k", "{port}/({arg})", 0.0),
+            EffectParameter("b", "{arg}", 0.0),
+            EffectParameter("r", "-", 0.0, 1.0),
+        ),
         starts=_backlash_starts,
         force=_backlash,
         transform=_backlash_transform,
         output_port=False,
         argument="any",
-        n_memory=2,
+        n_memory=N_GAPS + 1,
         jumps=True,
         lookalikes=(
             "coulomb_friction",
@@ -232,6 +250,7 @@ CLEARANCE = (
         force=_clearance,
         argument="position",
         lookalikes=("cubic_stiffness", "backlash", "bilinear_stiffness"),
+        holds=("bilinear_stiffness",),
         separate_by="amplitudes below and above the gap",
         source="Shaw and Holmes 1983, J. Sound Vib. 90(1), eq. (1)",
         phi=_clearance_phi,
@@ -247,6 +266,7 @@ CLEARANCE = (
         output_port=False,
         amplitude=None,
         lookalikes=("backlash", "dead_zone", "stuck_sensor", "quantisation"),
+        holds=("backlash",),
         separate_by="a bump test in manual, and another controller gain",
         source="Choudhury, Thornhill and Shah 2005, Control Eng. Pract. 13(5), sec. 4, in S and J",
         phi=_valve_stiction_phi,

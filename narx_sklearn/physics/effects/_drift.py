@@ -194,6 +194,7 @@ DRIFT = (
         input_port=False,
         argument="none",
         lookalikes=("gain_drift", "sensor_bias", "creep", "constant_load", "coupling"),
+        holds=("sensor_bias", "constant_load"),
         separate_by="holding the input at zero, or a second sensor",
         source="Ljung 1999, System Identification, sec. 14.1",
         narx_terms="time as a further input: t[k], t[k]^2, t[k]^3",

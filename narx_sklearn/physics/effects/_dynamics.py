@@ -164,6 +164,7 @@ DYNAMICS = (
         argument="position",
         n_memory=2,
         lookalikes=("lag", "creep", "periodic_disturbance"),
+        holds=("lag", "creep"),
         separate_by="repeated periods: its response repeats, and is free of distortion",
         source="Pintelon and Schoukens 2012, System Identification: A Frequency Domain Approach, sec. 3.2",
         narx_terms="longer lags of u and y",

@@ -83,10 +83,15 @@ class Effect:
         States of its own.
     jumps : bool
         Whether its states jump to their new value at each sample, as play operators do.
+    after : bool
+        Whether it is a hard limit: its force acts within each step, with a ``step`` of next to nothing, and
+        then corrects the mean rate of the whole step; it has no states of its own.
     onward : bool
         Whether what is lost at the port may go on to another state; the share is then a parameter of its own.
     lookalikes : tuple of str
         Codes it is easily confused with.
+    holds : tuple of str
+        Codes of the effects that it becomes at an edge of its parameters.
     separate_by : str
         The excitation that tells it apart.
     source : str
@@ -97,6 +102,9 @@ class Effect:
         rates become first differences, for forces that depend on a rate.
     narx_terms : str
         Which polynomial terms do it in a NARX model, where no phi regressor is needed.
+    scan : callable, optional
+        ``scan(setting) -> (ndarray (n, n_parameters), n_tried)``: the parameter values that explain the
+        residual best, of very many tried on it; for shapes that a few starts cannot hit.
     argument_units : tuple of str
         Units one of which the argument must have where its unit is known (an angle); empty for any.
 
@@ -126,13 +134,16 @@ class Effect:
     amplitude: int | None = 0
     n_memory: int = 0
     jumps: bool = False
+    after: bool = False
     onward: bool = False
     lookalikes: tuple[str, ...] = ()
+    holds: tuple[str, ...] = ()
     separate_by: str = ""
     source: str = ""
     phi: Any = None
     narx_terms: str = ""
     argument_units: tuple[str, ...] = ()
+    scan: Any = None
 
     @property
     def ports(self) -> tuple[str, ...]:

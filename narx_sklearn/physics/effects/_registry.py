@@ -203,6 +203,10 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"amplitude must index one of its {n} parameters or be None, got {effect.amplitude!r}.")
     if not 0 <= effect.n_memory <= MAX_MEMORY:
         refuse(f"n_memory must lie between 0 and {MAX_MEMORY}, got {effect.n_memory!r}.")
+    if effect.after and effect.n_memory:
+        refuse(
+            f"an effect that acts after the step has no states of its own, got n_memory={effect.n_memory}."
+        )
 
 
 def _check_trial(effect: Effect) -> None:

@@ -7,6 +7,11 @@ from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._starts import grid, spread, telling
 
+SHORTEST_HOLD = 4  # samples that a sensor is stuck
+BEST = 3  # of the values scanned that are kept
+FINEST = 60  # steps in the spread of a signal, below which steps are not looked for
+STEPS_TRIED = 2000  # at most
+SAMPLES_TRIED = 2000  # at most
 FEW = 0.25  # distinct values a sample, below which a signal is taken to be quantised
 
 
@@ -24,6 +29,26 @@ def _quantisation_starts(setting: Setting) -> np.ndarray:
         return np.empty((0, 1))
     shares = np.array([0.03, 0.1, 0.3]) * spread(setting.argument)
     return telling(setting, grid([*_step_of(_measured(setting)), *shares]), _quantisation_transform)
+
+
+def _quantisation_scan(setting: Setting) -> tuple[np.ndarray, int]:
+    """Try steps so close to one another that none of the signal's levels is missed by more than a quarter."""
+    every = max(1, setting.argument.size // SAMPLES_TRIED)
+    signal, residual = setting.argument[::every], setting.residual[::every]
+    size, reach = spread(signal), float(np.max(np.abs(signal), initial=0.0))
+    if size == 0 or not np.all(np.isfinite(residual)):
+        return np.empty((0, 1)), 0
+    # steps q whose inverses are evenly spaced, reach / (4 reach) apart
+    finest = min(FINEST / size, 1.0 / size + STEPS_TRIED / (4.0 * reach))
+    steps = 1.0 / np.arange(1.0 / size, finest, 1.0 / (4.0 * reach))
+    gain = np.empty(steps.size)
+    for i, q in enumerate(steps):
+        change = _steps(signal, q) - signal
+        length = change @ change
+        share = change @ residual / length if length > 0 else 0.0
+        gain[i] = share**2 * length if 0.5 < share < 1.5 else 0.0
+    best = np.argsort(-gain)[:BEST]
+    return telling(setting, steps[best[gain[best] > 0]][:, None], _quantisation_transform), steps.size
 
 
 def _measured(setting: Setting) -> np.ndarray:
@@ -52,28 +77,38 @@ def _stuck_transform(signal, second, dt, theta, first):
 
 
 def _stuck_starts(setting: Setting) -> np.ndarray:
-    """The longest stretch where the measurement stands still and the simulation moves; else three guesses."""
     if spread(setting.argument) == 0:
         return np.empty((0, 2))
-    found = _standstill(_measured(setting), setting.argument, setting.dt)
     length = setting.argument.size * setting.dt
-    rows = found if len(found) else grid(np.array([0.2, 0.45, 0.7]) * length, [0.1 * length])
-    return telling(setting, rows, _stuck_transform)
+    return telling(setting, grid(np.array([0.2, 0.45, 0.7]) * length, [0.1 * length]), _stuck_transform)
 
 
-def _standstill(measured: np.ndarray, simulated: np.ndarray, dt: float) -> np.ndarray:
-    if measured.size < 3:
-        return np.empty((0, 2))
-    still = np.abs(np.diff(measured)) <= 1e-9 * spread(measured)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    begin, end = edges[::2], edges[1::2]
-    if begin.size == 0:
-        return np.empty((0, 2))
-    moves = [np.ptp(simulated[a : b + 1]) for a, b in zip(begin, end, strict=True)]
-    worst = int(np.argmax(moves))
-    if not moves[worst] > 0.1 * spread(simulated):
-        return np.empty((0, 2))
-    return np.array([[begin[worst] * dt, (end[worst] - begin[worst] + 1) * dt]])
+def _stuck_scan(setting: Setting) -> tuple[np.ndarray, int]:
+    """Hold the simulated value from every sample on, for lengths that grow by a third."""
+    simulated, measured = setting.argument, _measured(setting)
+    n = measured.size
+    if n < 4 * SHORTEST_HOLD or not np.all(np.isfinite(measured)):
+        return np.empty((0, 2)), 0
+    level = measured.mean()  # about it, so that the squares do not cancel
+    missed, first, second = (
+        np.cumsum(np.append(0.0, values))
+        for values in (setting.residual**2, measured - level, (measured - level) ** 2)
+    )
+    found, tried = [], 0
+    size = SHORTEST_HOLD
+    while size < n // 2:
+        begin = np.arange(n - size)
+        end = begin + size
+        held = simulated[begin] - level
+        missed_held = second[end] - second[begin] - 2 * held * (first[end] - first[begin]) + size * held**2
+        gain = missed[end] - missed[begin] - missed_held
+        best = int(np.argmax(gain))
+        found.append((float(gain[best]), float(setting.time[best]), size * setting.dt))
+        tried += begin.size
+        size += max(1, size // 3)
+    found.sort(reverse=True)
+    rows = np.array([row for gain, *row in found[:BEST] if gain > 0]).reshape(-1, 2)
+    return telling(setting, rows, _stuck_transform), tried
 
 
 def _quantisation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -92,6 +127,7 @@ SENSOR = (
         input_port=False,
         amplitude=None,
         lookalikes=("stuck_sensor", "valve_stiction"),
+        scan=_quantisation_scan,
         separate_by="counting the distinct values, and a small dither",
         source="Widrow and Kollar 2008, Quantization Noise, ch. 1",
         phi=_quantisation_phi,
@@ -107,6 +143,7 @@ SENSOR = (
         input_port=False,
         amplitude=None,
         lookalikes=("valve_stiction", "quantisation", "sensor_clip"),
+        scan=_stuck_scan,
         separate_by="a small dither, or a second sensor",
         source="Isermann 2006, Fault-Diagnosis Systems, sec. 2.5",
         narx_terms="none: leave these samples out",

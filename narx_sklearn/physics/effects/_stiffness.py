@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from narx_sklearn.model.phi import FunctionPhi, Phi
+from narx_sklearn.model.phi import Phi
+from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
@@ -29,8 +30,14 @@ def _quadratic(argument, rate, own, second, time, step, z, theta, dz):
 
 
 @kernel
+def _one_side(x, side):
+    """Return x on the positive side, or on the negative one; 0 on the other."""
+    return max(x, 0.0) if side > 0.0 else min(x, 0.0)
+
+
+@kernel
 def _bilinear(argument, rate, own, second, time, step, z, theta, dz):
-    return -theta[0] * abs(argument)
+    return -theta[0] * _one_side(argument, theta[1])
 
 
 def _cubic_starts(setting: Setting) -> np.ndarray:
@@ -42,9 +49,11 @@ def _quadratic_starts(setting: Setting) -> np.ndarray:
 
 
 def _bilinear_starts(setting: Setting) -> np.ndarray:
+    """Either side, for a simulator without a stiffness of its own cannot make one out of the other."""
     if not reverses(setting.argument):  # on one side it is a linear spring
-        return np.empty((0, 1))
-    return scaled(setting, grid([1.0]), lambda row: np.abs(setting.argument))
+        return np.empty((0, 2))
+    rows = grid([1.0], [1.0, -1.0])
+    return scaled(setting, rows, lambda row: np.maximum(row[1] * setting.argument, 0.0))
 
 
 def _polynomial_transform(signal, second, dt, theta, first):
@@ -75,8 +84,12 @@ def _ordinary_powers(signal: np.ndarray, r: float) -> np.ndarray:
     return ORDINARY * spread(signal) / np.where(powers > 0, powers, np.inf)
 
 
+def _one_side_of_level(level, side):
+    return np.where(level * side > 0, level, 0.0)
+
+
 def _bilinear_stiffness_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return (FunctionPhi(np.abs, [f"{argument}[k]"]),)
+    return of_level("one_side", _one_side_of_level, theta[1:2], argument)
 
 
 STIFFNESS = (
@@ -112,8 +125,8 @@ STIFFNESS = (
         code="bilinear_stiffness",
         title="Bilinear stiffness",
         sentence="The spring is stiffer one way than the other.",
-        equation="-k |x|, with k = (k+ - k-)/2, what either side differs from the mean stiffness",
-        parameters=(EffectParameter("k", "{port}/({arg})"),),
+        equation="-k x on one side (s = 1: x > 0, s = -1: x < 0), 0 on the other",
+        parameters=(EffectParameter("k", "{port}/({arg})"), EffectParameter("s", "-", -1.0, 1.0)),
         starts=_bilinear_starts,
         force=_bilinear,
         argument="position",
