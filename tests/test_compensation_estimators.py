@@ -269,6 +269,12 @@ def test_plants_of_every_kind_can_be_run():
         (lambda: RootCompensator(PLANT, rate_limit=0).fit(), ValueError, "rate_limit must be positive"),
         (lambda: RootCompensator(PLANT, policy="jump").fit(), ValueError, "policy='jump'"),
         (lambda: RootCompensator(M_R, smooth_width=0.1).fit(), ValueError, "needs limits"),
+        (lambda: RootCompensator(PLANT, branch="up").fit(), ValueError, "branch='up'"),
+        (
+            lambda: RootCompensator(M_R, smooth_width=0.1, limits=(-80, 80), branch="rising").fit(),
+            ValueError,
+            "is searched",
+        ),
         (lambda: RootCompensator(PLANT).fit().predict([1.0, np.nan]), ValueError, "sample 1"),
         (lambda: RootCompensator(PLANT).fit().predict([[1.0, 2.0]]), ValueError, "the law needs 1"),
         (lambda: RootCompensator(PLANT).fit().explain("matlab"), ValueError, "form='matlab'"),

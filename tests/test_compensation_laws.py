@@ -341,6 +341,12 @@ MODELS = {
         "0.6*y[k-1] + u[k-1] + 0.2*phi1[k-1]", phi=[DifferenceSign("y", name="phi1")]
     ),
 }
+# A valve as identified: slope -0.4 - 0.9 sign d + 22 d^2 with d = u - y, negative for small d.
+RISES_AND_FALLS = NARXModel.from_equations(
+    "y[k-1] - 0.4*phi1[k-1] + 0.9*y[k-1]*phi1[k-1]*phi2[k-1] - 0.9*u[k-1]*phi1[k-1]*phi2[k-1]"
+    " + 22*u[k-1]^2*phi1[k-1] - 44*u[k-1]*y[k-1]*phi1[k-1] + 22*y[k-1]^2*phi1[k-1]",
+    phi=PHI,
+)
 
 
 def interpreted(u, y):
@@ -431,6 +437,32 @@ def test_hold_keeps_the_last_input_and_nearest_goes_as_far_as_it_helps():
     assert nearest.counts.no_solution == 2
     saturated = limited(law, policy="nearest", limits=(0.5, 1.5)).run(r, m=1.0).m
     np.testing.assert_allclose(saturated[:3], [1.5, 0.5, 0.5])
+
+
+def test_the_branch_is_the_side_that_corrects_the_output():
+    # u^3 - 3u falls between -1 and 1; it is 1 at 2 cos of 20, 100 and 140 degrees
+    law = limited(root_law(NARXModel.from_equations("u[k-1]^3 - 3*u[k-1]")))
+    wanted = {"nearest": 5 * np.pi / 9, "rising": np.pi / 9, "falling": 5 * np.pi / 9}
+    for branch, angle in wanted.items():
+        for sign in (1.0, -1.0):
+            run = limited(law, branch=branch).run([0.0, sign, sign], m=0.0)
+            assert run.m[0] == pytest.approx(sign * 2.0 * np.cos(angle), abs=1e-9), branch
+    square = limited(root_law(NARXModel.from_equations("u[k-1]^2")), branch="rising")
+    assert square.run([1.0, 4.0], m=-1.0).m[0] == pytest.approx(2.0)
+    assert limited(square, limits=(-3.0, 1.0)).run([1.0, 4.0], m=-1.0).m[0] == pytest.approx(-2.0)
+
+
+def test_the_branch_keeps_the_input_of_a_model_that_rises_and_falls_from_chattering():
+    law = limited(root_law(RISES_AND_FALLS), rate_limit=0.05)
+    r = 0.34 * np.sin(2 * np.pi * np.arange(3000) / 1000)
+
+    def turns(branch):
+        m = limited(law, branch=branch).run(r, m=0.0).m[1000:]
+        steps = np.diff(m)
+        return np.count_nonzero(np.diff(np.sign(steps[steps != 0.0])))
+
+    assert turns("nearest") > 100
+    assert turns("rising") == 4  # as the reference
 
 
 def test_limits_and_rate_limits_are_kept_and_counted():
@@ -630,6 +662,8 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
     "piezo isolated": isolated_law(M_I),
     "piezo inverse": inverse_law(M_INVERSE, 2),
     "nearest": limited(root_law(MODELS["cubic"]), policy="nearest", limits=(-0.4, 0.3), rate_limit=0.02),
+    "rising": limited(root_law(RISES_AND_FALLS), branch="rising", rate_limit=0.05),
+    "falling": limited(root_law(NARXModel.from_equations("u[k-1]^3 - 3*u[k-1]")), branch="falling"),
     "five powers": limited(root_law(NARXModel.from_equations("u[k-1] + 0.3*u[k-1]^5 - 0.8*u[k-1]^4"))),
     "bouc-wen": CompensationLaw(
         "explicit", (Polynomial({"r[k]": 0.6, "h[k-1]": 0.6}),), (BoucWenElement("m", 0.9, 0.8, 0.5, 1.5),)

@@ -1,5 +1,6 @@
 """What all compensators share: identify or take a model, derive the law, run it, explain it."""
 
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -9,11 +10,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._validation import as_signals, check_choice, check_same_length, column_labels
 from narx_sklearn.compensation.c_code import c_source
-from narx_sklearn.compensation.law import POLICIES, CompensationLaw, LawRun, LawState, with_limits
+from narx_sklearn.compensation.law import BRANCHES, POLICIES, CompensationLaw, LawRun, LawState
 from narx_sklearn.compensation.stability import warn_if_amplifying
 from narx_sklearn.model.narx import NARXModel
 
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
+CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
 
@@ -48,7 +50,9 @@ class Compensator(BaseEstimator):
         """
         self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
         limits, rate_limit = self._check_limits()
-        check_choice(getattr(self, "policy", "hold"), "policy", POLICIES)
+        choices = {name: getattr(self, name) for name in CHOICES if hasattr(self, name)}
+        for name, choice in choices.items():
+            check_choice(choice, name, CHOICES[name])
         self._line = None
         data = None
         if X is not None and y is not None:
@@ -62,8 +66,8 @@ class Compensator(BaseEstimator):
         if self.limits is None and (data is not None or law.method == "search"):
             limits = self._range_of(data)
         self._is_continuum = law.keeps_rest
-        self.law_ = with_limits(
-            law, limits, rate_limit, getattr(self, "policy", "hold"), law.keeps_rest and self.keep_rest
+        self.law_ = replace(
+            law, limits=limits, rate_limit=rate_limit, keeps_rest=law.keeps_rest and self.keep_rest, **choices
         )
         self.reset()
         if data is not None:

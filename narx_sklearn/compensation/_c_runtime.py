@@ -242,7 +242,8 @@ static double NAME_nearest_root(const double *up, const double *down, double pre
 {
     const double *c[2];
     double start[2], end[2], m = previous, shortest = INFINITY, least = INFINITY, move, size;
-    int n[2], turn, side, likely = !(up[0] * up[1] <= 0.0);
+    const double too_low = -up[0] * NAME_BRANCH;
+    int n[2], turn, side, likely = too_low != 0.0 ? too_low < 0.0 : !(up[0] * up[1] <= 0.0);
     c[0] = up;
     c[1] = down;
     start[0] = fmax(NAME_LOW - previous, 0.0);
@@ -257,6 +258,7 @@ static double NAME_nearest_root(const double *up, const double *down, double pre
             shortest = move;
             m = side ? previous - move : previous + move;
         }
+        if (too_low != 0.0 && shortest < INFINITY) break;
     }
     *found = shortest < INFINITY;
     if (*found || !NAME_NEAREST) return m;

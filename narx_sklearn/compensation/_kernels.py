@@ -29,6 +29,7 @@ from narx_sklearn.physics.boucwen import SHORTEST_SHARE, _bouc_wen_step, _is_too
 
 EXPLICIT, ROOTS, SEARCH = range(3)  # how a law finds its input
 HOLD, NEAREST = range(2)  # what it does where no input satisfies it
+ANY, RISING, FALLING = 0, 1, -1  # the sign of the machine's gain, where the choice of the root follows it
 LAST_WITHOUT_MEMORY = ASYMMETRIC_SIGN  # kinds of phi regressors up to this one remember nothing
 # Elements beyond the kinds of phi regressors: Bouc-Wen with parameters A, beta, gamma, n; a user's function.
 BOUC_WEN, FUNCTION = 100, 101
@@ -52,6 +53,7 @@ class Law(NamedTuple):
     n_regimes: int
     reach: int  # newest rows of the reference the law reads, beyond the first
     keeps_rest: int
+    branch: int
     low: float
     high: float
     max_step: float
@@ -80,7 +82,7 @@ def unpack_law(integers, numbers):
     n_channels, n_rows, horizon, method = integers[0], integers[1], integers[2], integers[3]
     policy, degree, n_regimes, reach = integers[4], integers[5], integers[6], integers[7]
     keeps_rest, n_equations, n_terms, n_factors = integers[8], integers[9], integers[10], integers[11]
-    n_elements, width = integers[12], integers[13]
+    n_elements, width, branch = integers[12], integers[13], integers[14]
     a = HEADER
     b = a + n_equations + 1
     c = b + 4 * n_equations
@@ -103,6 +105,7 @@ def unpack_law(integers, numbers):
         n_regimes,
         reach,
         keeps_rest,
+        branch,
         numbers[0],
         numbers[1],
         numbers[2],
@@ -279,7 +282,8 @@ def _nearest_root(law, state, previous):
     """Return the input of Definition 4.1 or 4.2, and whether a root was admissible.
 
     Moves down are found as moves up of the mirrored polynomial. The side to which Newton's first step points
-    comes first: its root bounds the search on the other.
+    comes first: its root bounds the search on the other. Where the sign of the machine's gain is known, the
+    side that corrects the output of the input held comes first, and the other only where it has no root.
     """
     base = (law.n_rows - 1) * law.n_channels
     up, down = state.work[2], state.work[3]
@@ -290,6 +294,9 @@ def _nearest_root(law, state, previous):
         return previous, True
     m, shortest = previous, np.inf
     likely = 0 if up[0] * up[1] <= 0.0 else 1
+    too_low = -up[0] * law.branch  # positive where the machine must be driven up
+    if too_low != 0.0:
+        likely = 0 if too_low > 0.0 else 1
     for side in (likely, 1 - likely):  # 0 is loading, 1 unloading
         start, end = _moves(law, previous, side)
         # a move that is longer than the one found would not be taken; of two alike the one up is
@@ -298,6 +305,8 @@ def _nearest_root(law, state, previous):
         move = first_root(c, n, start, end, state.chain, state.work)
         if move < shortest or (move == shortest and side == 0):
             m, shortest = previous + sense * move, move
+        if too_low != 0.0 and shortest < np.inf:
+            break
     if shortest < np.inf:
         return m, True
     if law.policy == NEAREST:

@@ -7,7 +7,7 @@ import numpy as np
 from narx_sklearn.compensation import _c_runtime as runtime
 from narx_sklearn.compensation import _kernels as kernels
 from narx_sklearn.compensation import _polynomial_roots as roots
-from narx_sklearn.compensation.law import INPUT, CompensationLaw, FunctionElement
+from narx_sklearn.compensation.law import BRANCHES, INPUT, CompensationLaw, FunctionElement
 from narx_sklearn.model.kernels import (
     ABSOLUTE_DIFFERENCE,
     ASYMMETRIC_SIGN,
@@ -91,7 +91,8 @@ class _Writer:
             f"{text}\n */\n#include <math.h>\n\n"
             f"#define NAME_ROWS {self.rows}\n#define NAME_CHANNELS {len(law.channels)}\n"
             f"#define NAME_DEGREE {max(law.degree, 1)}\n#define NAME_STATE {width}\n"
-            f"#define NAME_NEAREST {int(law.policy == 'nearest')}\n" + "\n".join(limits + names) + "\n\n"
+            f"#define NAME_NEAREST {int(law.policy == 'nearest')}\n"
+            f"#define NAME_BRANCH ({BRANCHES[law.branch]})\n" + "\n".join(limits + names) + "\n\n"
             "typedef struct {\n"
             "    double w[NAME_ROWS][NAME_CHANNELS]; /* rows of signals, oldest first */\n"
             f"    double z[{max(len(law.elements), 1)}][NAME_STATE]; /* memory of the elements */\n"

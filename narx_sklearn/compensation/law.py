@@ -1,7 +1,7 @@
 """Compensation laws as values: equations and elements over the reference r and the input m, and their run."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ __all__ = ["BoucWenElement", "CompensationLaw", "FunctionElement", "LawState"]
 INPUT, REFERENCE, MOVE = "m", "r", "d"  # the thesis's letters, and the move m[k] - m[k-1]
 METHODS = {"explicit": kernels.EXPLICIT, "roots": kernels.ROOTS, "search": kernels.SEARCH}
 POLICIES = {"hold": kernels.HOLD, "nearest": kernels.NEAREST}
+BRANCHES = {"nearest": kernels.ANY, "rising": kernels.RISING, "falling": kernels.FALLING}
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,9 @@ class CompensationLaw:
         Largest change of the input in one sample.
     policy : {"hold", "nearest"}, default="hold"
         Input where no admissible one satisfies the law: the last, or the one that comes nearest.
+    branch : {"nearest", "rising", "falling"}, default="nearest"
+        Which root is taken: the nearest to the last input; or, where the machine's output rises (falls) with
+        its input, the nearest on the side that corrects the output, and only without one there the other.
     initial_states : mapping of {str: float}, optional
         First number of the state of elements that do not start from zero.
 
@@ -147,6 +151,7 @@ class CompensationLaw:
     limits: tuple[float, float] = (-np.inf, np.inf)
     rate_limit: float = np.inf
     policy: str = "hold"
+    branch: str = "nearest"
     initial_states: Mapping[str, float] = field(default_factory=dict)
 
     def __getstate__(self):
@@ -222,7 +227,7 @@ class CompensationLaw:
         for row, element in zip(parameters, self.elements, strict=True):
             row[: element.kernel_parameters.size] = element.kernel_parameters
         header = np.zeros(kernels.HEADER, dtype=np.int64)
-        header[:14] = (
+        header[:15] = (
             len(channels),
             self._back + 1,
             self.horizon,
@@ -237,6 +242,7 @@ class CompensationLaw:
             program.factor_step.size,
             n_elements,
             width,
+            BRANCHES[self.branch],
         )
         integers = [
             header,
@@ -317,6 +323,9 @@ class CompensationLaw:
             lines = [f"find {INPUT}[k]: 0 = {self.equations[0].to_text(digits)}"]
         else:
             lines = [f"{INPUT}[k] = {INPUT}[k-1] + {MOVE}, the root nearest to 0 of"]
+            if self.branch != "nearest":
+                too_low = "negative" if self.branch == "rising" else "positive"
+                lines.append(f"  (above 0 where the term without {MOVE} is {too_low}, if there is one)")
             names = ("loading, d > 0", "unloading, d < 0") if self.n_regimes == 2 else ("",)
             for regime, name in enumerate(names):
                 lines += [f"  {name}:"] if name else []
@@ -451,11 +460,6 @@ class LawState:
         twin = LawState(self.law, 0.0, 0.0)
         twin.values[:] = self.values
         return twin
-
-
-def with_limits(law: CompensationLaw, limits, rate_limit, policy, keeps_rest) -> CompensationLaw:
-    """Return the law with other limits and manners."""
-    return replace(law, limits=limits, rate_limit=rate_limit, policy=policy, keeps_rest=keeps_rest)
 
 
 def _owner(element) -> int:

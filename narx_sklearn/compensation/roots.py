@@ -29,6 +29,12 @@ class RootCompensator(Compensator):
     policy : {"hold", "nearest"}, default="hold"
         Where no root is admissible: keep the last input (Definitions 4.1 and 4.2), or take the admissible
         input whose model output comes nearest to the reference.
+    branch : {"nearest", "rising", "falling"}, default="nearest"
+        Which admissible root is taken: the nearest to the last input (Definitions 4.1 and 4.2). Or, for a
+        machine whose output rises (falls) with its input, the nearest that moves the input up (down) where
+        the input held leaves the output too low, and the other way where too high; of the others only where
+        there is none such. A model fitted to hysteresis may rise in one part of its loop and fall in
+        another; the nearest root then changes sides from sample to sample and the input chatters.
     keep_rest : bool, default=True
         Keep the input while the reference does not move, if the model can rest anywhere.
     smooth_width : float or None, default=None
@@ -81,6 +87,7 @@ class RootCompensator(Compensator):
         limits=None,
         rate_limit=None,
         policy="hold",
+        branch="nearest",
         keep_rest=True,
         smooth_width=None,
         input_name=None,
@@ -89,6 +96,7 @@ class RootCompensator(Compensator):
         self.limits = limits
         self.rate_limit = rate_limit
         self.policy = policy
+        self.branch = branch
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
         self.input_name = input_name
@@ -96,4 +104,10 @@ class RootCompensator(Compensator):
     _default_regressor = staticmethod(direct_regressor)
 
     def _derive(self, model):
-        return root_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)
+        law = root_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)
+        if law.method == "search" and self.branch != "nearest":
+            raise ValueError(
+                f"branch={self.branch!r} chooses among roots of a polynomial, but the law of this model "
+                "is searched (smooth signs, plays or memory). Use branch='nearest'."
+            )
+        return law
