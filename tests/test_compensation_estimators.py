@@ -154,7 +154,12 @@ def test_isolable_is_a_structure_known_by_name():
     assert law.method == "explicit"
 
 
-@pytest.mark.parametrize("constraints", [None, "y[k-1] = 1"])
+# columns: y[k-1], u[k-1], u[k-2], y[k-1]^2, y[k-1]*u[k-2], u[k-2]^2
+AS_MATRIX = (np.array([[1.0, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 2]]), np.array([1.0, 0.0]))
+IN_WORDS = ["y[k-1] = 1", "y[k-1]^2 + 2*u[k-2]^2 = 0"]
+
+
+@pytest.mark.parametrize("constraints", [None, "y[k-1] = 1", IN_WORDS, {"y": IN_WORDS}, AS_MATRIX])
 def test_the_newest_input_is_kept_where_selection_loses_it(constraints):
     # a machine that answers to its newest input far less than to the one before
     u = np.random.default_rng(0).normal(size=60)
@@ -172,6 +177,23 @@ def test_the_newest_input_is_kept_where_selection_loses_it(constraints):
     if constraints is not None:
         assert compensator.model_.equation()["y[k-1]"] == pytest.approx(1.0, abs=1e-12)
     assert compensator.model_.equation()["u[k-1]"] == pytest.approx(0.05, abs=1e-9)
+
+
+def test_the_newest_difference_is_kept_in_a_continuum():
+    phi = (Difference("u", name="phi1"), DifferenceSign("u", name="phi2"))
+    u = np.random.default_rng(0).normal(size=60)
+    plant = NARXModel.from_equations("y[k-1] + 0.05*phi1[k-1] + phi1[k-2]", phi=phi)
+    y = free_run(plant, u, y_init=[0.0, 0.0, 0.0]).y[:, 0]
+    regressor = NARXRegressor(
+        1, 2, phi=phi, phi_lags=2, degree=2, structure="isolable", n_terms=2, refine=False, origin="zero",
+        constraints="continuum", fit_intercept=False,
+    )  # fmt: skip
+    assert regressor.fit(u.reshape(-1, 1), y).terms_ == ["y[k-1]", "phi1[k-2]"]
+    with pytest.warns(AmplificationWarning):
+        model = IsolatedCompensator(regressor).fit(u.reshape(-1, 1), y).model_
+    assert model.library == plant.library
+    assert model.equation()["y[k-1]"] == pytest.approx(1.0, abs=1e-12)
+    assert model.equation()["phi1[k-1]"] == pytest.approx(0.05, abs=1e-9)
 
 
 def test_a_short_record_of_the_bench_still_gives_a_law():

@@ -1,5 +1,6 @@
 """IsolatedCompensator: the input in closed form (thesis section 4.5)."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from sklearn.base import clone
@@ -8,6 +9,7 @@ from narx_sklearn.compensation._base import Compensator, fitted_regressor
 from narx_sklearn.compensation._defaults import isolable_regressor
 from narx_sklearn.compensation.derive import isolated_law, smooth_signs
 from narx_sklearn.identification.constraints import parse_constraints
+from narx_sklearn.identification.hysteresis import expand_continuum
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.terms import Term, TermLibrary
 
@@ -111,20 +113,30 @@ def _with_newest_input(regressor: Any, input_name: str | None, X, y, sessions) -
     """Return a fitted estimator's model, with the newest input's linear term where selection lost it."""
     regressor = getattr(regressor, "best_estimator_", regressor)
     model = regressor.model_
-    constraints = getattr(regressor, "constraints", None)
     candidates = getattr(regressor, "candidates_", None)
-    # a matrix of constraints has one column for each candidate: it cannot be put on fewer
-    if candidates is None or not model.inputs or not isinstance(constraints, str | list | None):
+    if candidates is None or not model.inputs:
         return model
     needed = _newest_linear_term(model, candidates, input_name or model.inputs[0])
     if needed is None or needed in model.library:
         return model
     terms = {*model.library, needed}
-    if constraints is not None and constraints != "continuum":
-        terms |= {candidates[i] for i in parse_constraints(constraints, candidates).terms}
-    again = clone(regressor).set_params(structure=terms.__contains__, n_terms=len(terms))
+    again = clone(regressor).set_params(
+        structure=terms.__contains__, n_terms=len(terms), constraints=_on_terms(terms, regressor)
+    )
     options = {} if sessions is None else {"sessions": sessions}
     return again.fit(X, y, **options).model_
+
+
+def _on_terms(terms: set[Term], regressor: Any):
+    """Return a fitted estimator's constraints as (S, c) on some of its candidates, all others being zero."""
+    model, candidates = regressor.model_, regressor.candidates_
+    given = getattr(regressor, "constraints", None)
+    given = expand_continuum(given, candidates, model.outputs, model.inputs, model.phi)
+    if isinstance(given, Mapping):
+        given = given.get(model.outputs[0])
+    kept = [i for i, term in enumerate(candidates) if term in terms]
+    held = parse_constraints(given, candidates).restrict(kept)
+    return (held.S, held.c) if len(held) else None
 
 
 def _newest_linear_term(model: NARXModel, candidates: TermLibrary, name: str) -> Term | None:
