@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
 from thesis_models import M_I, M_INVERSE, M_R
 
@@ -17,6 +18,7 @@ from narx_sklearn.compensation import (
     IsolatedCompensator,
     PrandtlIshlinskiiCompensator,
     RootCompensator,
+    UnreachableWarning,
     run_plant,
     smooth_output,
     tracking_error,
@@ -95,6 +97,23 @@ def test_steps_on_line_equal_the_prediction_and_start_warm():
     assert compensator.counts.samples == 100
     compensator.reset(SINE[:501], m=m[:500])
     np.testing.assert_array_equal([compensator.step(r) for r in SINE[501:551]], m[500:550])
+
+
+def test_what_a_reference_asks_beyond_reach_is_said():
+    square = NARXModel.from_equations("u[k-1]^2")
+    with pytest.warns(
+        UnreachableWarning, match=r"Of 4 samples 3 had no admissible input \(the last was kept\)"
+    ):
+        RootCompensator(square).fit().predict([1.0, 1.0, -1.0, -1.0], m_init=1.0)
+    double = NARXModel.from_equations("0.5*u[k-1] + 0.1*u[k-2]")
+    with pytest.warns(UnreachableWarning, match="at 2 the limits -1 to 1 cut it"):
+        IsolatedCompensator(double, limits=(-1, 1)).fit().predict([0.0, 0.0, 1.0], m_init=0.0)
+
+
+@pytest.mark.parametrize("ask", [lambda c: c.step(0.1), lambda c: c.counts, lambda c: c.reset()])
+def test_steps_before_fit_are_refused(ask):
+    with pytest.raises(NotFittedError):
+        ask(RootCompensator(PLANT))
 
 
 def test_the_reference_is_held_after_its_end():
@@ -288,7 +307,19 @@ def test_plants_of_every_kind_can_be_run():
         (lambda: RootCompensator().fit(), ValueError, "needs the record"),
         (lambda: RootCompensator("model").fit([[1.0]], [1.0]), TypeError, "NARXModel or an estimator"),
         (lambda: RootCompensator(PLANT, limits=(1, 0)).fit(), ValueError, "low < high"),
+        (lambda: RootCompensator(PLANT, limits=5).fit(), ValueError, "limits must be a pair"),
+        (lambda: RootCompensator(PLANT, limits=("a", "b")).fit(), ValueError, "limits must be a pair"),
         (lambda: RootCompensator(PLANT, rate_limit=0).fit(), ValueError, "rate_limit must be positive"),
+        (lambda: RootCompensator(PLANT, rate_limit=True).fit(), ValueError, "rate_limit must be positive"),
+        (
+            lambda: RootCompensator(PLANT).fit().predict([1.0], m_init=np.nan),
+            ValueError,
+            "m_init must be finite",
+        ),
+        (lambda: RootCompensator(PLANT).fit().reset(np.nan), ValueError, "reference must be finite"),
+        (lambda: RootCompensator(PLANT).fit().reset(0.0, m=np.inf), ValueError, "m must be finite"),
+        (lambda: RootCompensator(PLANT).fit().step([1.0, 2.0]), ValueError, "A step takes 1 numbers"),
+        (lambda: RootCompensator(PLANT).fit().step("up"), ValueError, "A step takes 1 numbers"),
         (lambda: RootCompensator(PLANT, policy="jump").fit(), ValueError, "policy='jump'"),
         (lambda: RootCompensator(M_R, smooth_width=0.1).fit(), ValueError, "needs limits"),
         (lambda: RootCompensator(PLANT, branch="up").fit(), ValueError, "branch='up'"),

@@ -492,9 +492,21 @@ def test_a_law_of_a_model_that_forgets_does_not_claim_to_rest():
 
 
 def test_values_that_are_not_finite_leave_the_last_input():
-    state = isolated_law(MODELS["linear"]).start(0.25, 0.0)
-    assert state.step(np.nan) == 0.25
+    state = isolated_law(NARXModel.from_equations("u[k-1] + y[k-1]^2")).start(0.25, 1e200)
+    assert state.step(0.0) == 0.25  # the reference squared overflows
     assert state.counts.no_solution == 1
+    assert state.step(0.5) == 0.5
+
+
+def test_a_lost_sample_of_the_reference_is_made_up_for():
+    law = root_law(M_R)
+    lost, whole = law.start(0.0, 0.0), law.start(0.0, 0.0)
+    for r in (1.0, 2.0, np.nan, 4.0):
+        m = lost.step(r)
+    for r in (1.0, 2.0, 2.0, 4.0):
+        wanted = whole.step(r)
+    assert m == wanted
+    assert (lost.counts.no_solution, whole.counts.no_solution) == (1, 0)
 
 
 def test_a_copy_of_the_state_goes_its_own_way():
@@ -675,6 +687,7 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
 def test_the_c_code_computes_the_same_numbers(tmp_path):
     for number, (name, law) in enumerate(C_LAWS.items()):
         known = np.column_stack([smooth_reference(80, 1.0, seed=2)] * len(law.known))
+        known[40] = np.nan
         two = len(law.known) == 2
         fill = {
             "INIT": "w0 = r0; law_reset(&s, m0, r0, w0);"

@@ -11,7 +11,14 @@ from narx_sklearn.compensation.derive import (
 )
 from narx_sklearn.compensation.inverse import InverseCompensator, smooth_output
 from narx_sklearn.compensation.isolated import IsolatedCompensator
-from narx_sklearn.compensation.law import BoucWenElement, CompensationLaw, LawCounts, LawRun, LawState
+from narx_sklearn.compensation.law import (
+    BoucWenElement,
+    CompensationLaw,
+    LawCounts,
+    LawRun,
+    LawState,
+    UnreachableWarning,
+)
 from narx_sklearn.compensation.physical import BoucWenCompensator, PrandtlIshlinskiiCompensator
 from narx_sklearn.compensation.roots import RootCompensator
 from narx_sklearn.compensation.stability import AmplificationWarning, LawStability, law_stability
@@ -33,6 +40,7 @@ __all__ = [
     "PIDState",
     "PrandtlIshlinskiiCompensator",
     "RootCompensator",
+    "UnreachableWarning",
     "c_source",
     "inverse_law",
     "isolated_law",

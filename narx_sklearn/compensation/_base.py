@@ -10,7 +10,14 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._validation import as_signals, check_choice, check_same_length, column_labels
 from narx_sklearn.compensation.c_code import c_source
-from narx_sklearn.compensation.law import BRANCHES, POLICIES, CompensationLaw, LawRun, LawState
+from narx_sklearn.compensation.law import (
+    BRANCHES,
+    POLICIES,
+    CompensationLaw,
+    LawRun,
+    LawState,
+    warn_if_unreachable,
+)
 from narx_sklearn.compensation.stability import warn_if_amplifying
 from narx_sklearn.model.narx import NARXModel
 
@@ -95,8 +102,15 @@ class Compensator(BaseEstimator):
         -------
         ndarray of shape (n_samples,)
             Compensation input, in the unit of the machine's input.
+
+        Warns
+        -----
+        UnreachableWarning
+            If no admissible input satisfied the law at some samples, or the limits cut it.
         """
-        return self.compensate(X, m_init).m
+        run = self.compensate(X, m_init)
+        warn_if_unreachable(run.counts, self.law_)
+        return run.m
 
     def compensate(self, X, m_init=None) -> LawRun:
         """Return the input along a reference with the counts of what could not be had.
@@ -126,6 +140,7 @@ class Compensator(BaseEstimator):
                 "Interpolate the gap or compensate the parts by themselves."
             )
         start = self._first_input(reference[0]) if m_init is None else float(m_init)
+        _check_finite(m_init=start)
         return self.law_.run(reference, m=start)
 
     def reset(self, reference=0.0, m=None):
@@ -148,7 +163,9 @@ class Compensator(BaseEstimator):
         known = np.asarray(reference, dtype=float)
         known = known.reshape(-1, len(self.law_.known)) if known.size > 1 else known.reshape(1, -1)
         known = np.broadcast_to(known, (known.shape[0], len(self.law_.known)))
+        _check_finite(reference=known)
         past = np.atleast_1d(np.asarray(self._first_input(known[0]) if m is None else m, dtype=float))
+        _check_finite(m=past)
         n_rows = max(known.shape[0], past.size)
         known = np.concatenate([np.repeat(known[:1], n_rows - known.shape[0], axis=0), known])
         past = np.concatenate([np.full(n_rows - past.size, past[0]), past])
@@ -162,18 +179,24 @@ class Compensator(BaseEstimator):
         Parameters
         ----------
         reference_ahead : float or array-like of shape (1 + n_others,)
-            Reference ``law_.horizon`` samples ahead of the input wanted (and other known signals, then).
+            Reference ``law_.horizon`` samples ahead of the input wanted (and other known signals, then). What
+            is not finite is taken as it was last, and counted with the samples without a solution.
 
         Returns
         -------
         float
             The input to apply now.
         """
-        return self._state.step(reference_ahead)
+        try:
+            return self._state.step(reference_ahead)
+        except AttributeError:
+            check_is_fitted(self, "law_")
+            raise
 
     @property
     def counts(self):
         """How often `step` could not have its way since the last `reset`."""
+        check_is_fitted(self, "law_")
         return self._state.counts
 
     def explain(self, form="equation", name="compensator"):
@@ -213,7 +236,7 @@ class Compensator(BaseEstimator):
         """
         u = as_signals(X, "X")
         r = np.column_stack([as_signals(y, "y"), u[:, 1:]])
-        m = self.predict(r, m_init=u[0, 0])
+        m = self.compensate(r, m_init=u[0, 0]).m
         return float(1.0 - np.sum((u[:, 0] - m) ** 2) / np.sum((u[:, 0] - u[:, 0].mean()) ** 2))
 
     def _first_input(self, known) -> float:
@@ -230,11 +253,13 @@ class Compensator(BaseEstimator):
         return float(settled[-1]) if calm else guess
 
     def _check_limits(self) -> tuple[tuple[float, float], float]:
-        limits = (-np.inf, np.inf) if self.limits is None else tuple(float(x) for x in self.limits)
-        if len(limits) != 2 or not limits[0] < limits[1]:
+        given = (-np.inf, np.inf) if self.limits is None else self.limits
+        is_pair = np.shape(given) == (2,) and all(isinstance(x, Real) for x in given)
+        if not is_pair or not given[0] < given[1]:
             raise ValueError(f"limits must be a pair (low, high) with low < high, got {self.limits!r}.")
+        limits = float(given[0]), float(given[1])
         rate = np.inf if self.rate_limit is None else self.rate_limit
-        if not isinstance(rate, Real) or not float(rate) > 0.0:
+        if not isinstance(rate, Real) or isinstance(rate, bool) or not float(rate) > 0.0:
             raise ValueError(f"rate_limit must be positive (or None), got {self.rate_limit!r}.")
         return limits, float(rate)
 
@@ -286,6 +311,12 @@ def fitted_regressor(model: Any, default, X, y, sessions) -> Any:
 def unnamed(X, y):
     """Return X and y as arrays, so that a default model calls them u and y, and their labels."""
     return as_signals(X, "X"), as_signals(y, "y")[:, 0], (column_labels(X), column_labels(y))
+
+
+def _check_finite(**values) -> None:
+    for name, value in values.items():
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"{name} must be finite, got {value!r}; a machine cannot have been held there.")
 
 
 def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:

@@ -346,8 +346,11 @@ def _advance(functions, law, state, known):
     size = law.n_rows * nc
     for i in range(size - nc):
         window[i] = window[i + nc]
+    found = True
     for i in range(known.size):
-        window[size - nc + 1 + i] = known[i]
+        is_given = np.isfinite(known[i])
+        window[size - nc + 1 + i] = known[i] if is_given else window[size - 2 * nc + 1 + i]
+        found = found and is_given
     _set_elements(law, state, law.n_rows - 1, OF_KNOWN)
     row = law.n_rows - 1 - law.horizon
     previous = window[(row - 1) * nc]
@@ -360,16 +363,16 @@ def _advance(functions, law, state, known):
         m = right_hand_side(window, size - nc, law.program, 0)
     else:
         if law.method == ROOTS:
-            m, found = _nearest_root(law, state, previous)
+            m, is_solved = _nearest_root(law, state, previous)
         else:
-            m, found = _search(functions, law, state, previous)
-        if not found:
-            state.counts[NO_SOLUTION] += 1.0
-            if law.policy == HOLD:
-                m = previous
+            m, is_solved = _search(functions, law, state, previous)
+        if not is_solved and law.policy == HOLD:
+            m = previous
+        found = found and is_solved
     if not np.isfinite(m):
+        m, found = previous, False
+    if not found:
         state.counts[NO_SOLUTION] += 1.0
-        m = previous
     limited = min(max(m, law.low), law.high)
     if limited != m:
         state.counts[AT_LIMIT] += 1.0

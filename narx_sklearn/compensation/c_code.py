@@ -233,6 +233,7 @@ class _Writer:
         law, h = self.law, self.law.horizon
         m = self.macro[INPUT]
         n_known = len(law.known)
+        missing = " || ".join(f"!isfinite(known{i})" for i in range(n_known))
         rest = ""
         if law.keeps_rest:
             r = self.macro[law.known[0]]
@@ -247,14 +248,18 @@ class _Writer:
             "    int i, j, found = 1;",
             "    for (i = 0; i < NAME_ROWS - 1; i++)",
             "        for (j = 0; j < NAME_CHANNELS; j++) s->w[i][j] = s->w[i + 1][j];",
-            *(f"    {self.macro[s]}(0) = known{i};" for i, s in enumerate(law.known)),
+            *(
+                f"    {self.macro[s]}(0) = isfinite(known{i}) ? known{i} : {self.macro[s]}(1);"
+                for i, s in enumerate(law.known)
+            ),
             *self._set(False, 0),
             *([] if law.method == "search" else self._call_functions()),
             f"    previous = {m}({h + 1});",
             "    s->samples++;",
             f"{rest}    m = NAME_solve(s, previous, &found);",
-            "    if (!found) { s->no_solution++; if (!NAME_NEAREST) m = previous; }",
-            "    if (!isfinite(m)) { s->no_solution++; m = previous; }",
+            "    if (!found && !NAME_NEAREST) m = previous;",
+            f"    if (!found || !isfinite(m) || {missing}) s->no_solution++;",
+            "    if (!isfinite(m)) m = previous;",
             "    limited = fmin(fmax(m, NAME_LOW), NAME_HIGH);",
             "    if (limited != m) s->at_limit++;",
             "    m = fmin(fmax(limited, previous - NAME_RATE), previous + NAME_RATE);",

@@ -1,5 +1,6 @@
 """Compensation laws as values: equations and elements over the reference r and the input m, and their run."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -8,12 +9,13 @@ import numpy as np
 
 from narx_sklearn.compensation import _kernels as kernels
 from narx_sklearn.compensation._user_functions import compiled_functions
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.kernels import STATE_SIZE, Program
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.terms import Variable
 
-__all__ = ["BoucWenElement", "CompensationLaw", "FunctionElement", "LawState"]
+__all__ = ["BoucWenElement", "CompensationLaw", "FunctionElement", "LawState", "UnreachableWarning"]
 
 INPUT, REFERENCE, MOVE = "m", "r", "d"  # the thesis's letters, and the move m[k] - m[k-1]
 METHODS = {"explicit": kernels.EXPLICIT, "roots": kernels.ROOTS, "search": kernels.SEARCH}
@@ -348,6 +350,10 @@ class CompensationLaw:
         return self.to_text()
 
 
+class UnreachableWarning(NarxWarning):
+    """A compensator could not satisfy its law, or its limits cut the input; the message says how often."""
+
+
 @dataclass(frozen=True)
 class LawCounts:
     """How often a law could not have its way.
@@ -357,7 +363,7 @@ class LawCounts:
     samples : int
         Samples computed.
     no_solution : int
-        Samples at which no admissible input satisfied the law (or it was not finite).
+        Samples at which no admissible input satisfied the law, or it or the reference was not finite.
     at_limit : int
         Samples at which the input was cut at a limit of its range.
     at_rate_limit : int
@@ -443,7 +449,12 @@ class LawState:
 
     def step(self, known) -> float:
         """Take the newest known values, return the input."""
-        self._known[:] = known
+        try:
+            self._known[:] = known
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"A step takes {self._known.size} numbers ({', '.join(self.law.known)}), got {known!r}."
+            ) from error
         if self.law.functions is None:
             return kernels.advance(self._integers, self._numbers, self.values, self._known)
         advance = kernels.with_functions().advance
@@ -460,6 +471,20 @@ class LawState:
         twin = LawState(self.law, 0.0, 0.0)
         twin.values[:] = self.values
         return twin
+
+
+def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
+    """Warn where a law could not be satisfied or its limits cut the input."""
+    if counts.no_solution or counts.at_limit:
+        taken = "the last was kept" if law.policy == "hold" else "the nearest was taken"
+        warnings.warn(
+            f"Of {counts.samples} samples {counts.no_solution} had no admissible input ({taken}), and at "
+            f"{counts.at_limit} the limits {law.limits[0]:g} to {law.limits[1]:g} cut it. The machine cannot "
+            "follow this reference, or the model does not hold there: widen the limits if the machine allows "
+            "it, move m_init, or identify from a record that covers the reference.",
+            UnreachableWarning,
+            stacklevel=3,
+        )
 
 
 def _owner(element) -> int:
