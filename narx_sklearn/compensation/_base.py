@@ -21,6 +21,7 @@ from narx_sklearn.compensation.law import (
 from narx_sklearn.compensation.stability import warn_if_amplifying
 from narx_sklearn.model.narx import NARXModel
 
+AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
@@ -96,7 +97,8 @@ class Compensator(BaseEstimator):
             Reference, in the unit of the output; with a model of several inputs the others beside it. It may
             be read ahead, and is held after its end.
         m_init : float, default=None
-            Input held before the first sample. None takes the one that holds the first reference.
+            Input held before the first sample. None takes the one that holds the first reference. Where the
+            model can rest anywhere, many do; it is then the one on the straight line through the record.
 
         Returns
         -------
@@ -320,13 +322,19 @@ def _check_finite(**values) -> None:
 
 
 def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the line of the input over the output through the first sample, where machines tend to rest."""
+    """Return the line of the input over the output, as intercept and slope.
+
+    It goes through the first sample where the record begins at rest, else through the mean: a sample in
+    motion may lie anywhere in the loop, and where it is the record's first one even outside.
+    """
     known = np.isfinite(u) & np.isfinite(y)
     if known.sum() < 2 or np.ptp(y[known]) == 0.0:
         return float(np.mean(u[known])) if known.any() else 0.0, 0.0
     slope = np.cov(u[known], y[known])[0, 1] / np.var(y[known], ddof=1)
-    first = int(np.argmax(known))
-    return float(u[first] - slope * y[first]), float(slope)
+    steps = np.abs(np.diff(u[known]))
+    at_rest = steps[0] <= AT_REST * np.mean(steps)
+    u_held, y_held = (u[known][0], y[known][0]) if at_rest else (np.mean(u[known]), np.mean(y[known]))
+    return float(u_held - slope * y_held), float(slope)
 
 
 __all__ = ["Compensator", "LawState", "fitted_regressor", "identified", "unnamed"]
