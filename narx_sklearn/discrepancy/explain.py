@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.physics.effects import CATALOGUE
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
@@ -127,10 +128,11 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
 
 
 def _speaking_for(placed: PlacedEffect, detection: Detection) -> float:
-    """Return the p-value of the test that can see such an effect."""
+    """Return the p-value of the test that can see such an effect, or what looks like it."""
     if placed.effect.code in LINES:
         return detection.p_line
-    return min(detection.p_bank, detection.p_scan) if placed.effect.scan else detection.p_bank
+    scanned = placed.effect.scan or any(CATALOGUE[code].scan for code in placed.effect.lookalikes)
+    return min(detection.p_bank, detection.p_scan) if scanned else detection.p_bank
 
 
 def refit_leaders(

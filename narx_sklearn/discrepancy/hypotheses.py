@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.simulator import Run, Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
 
-READ_OFF = {"quantisation", "sensor_clip"}
+READ_OFF = {"quantisation"}
 OF_MOTION = {  # effects of things that move, which a level or a temperature does not
     "viscous_damping",
     "coulomb_friction",

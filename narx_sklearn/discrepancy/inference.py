@@ -8,12 +8,15 @@ from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit
 
+ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
+
 
 def covariance(problem: Problem, fit: Fit) -> np.ndarray:
     """Return the covariance of the global parameters, robust to what the noise model leaves.
 
     Short blocks of whitened samples are the independent units (a sandwich over blocks); the residual is
-    scaled for the parameters and initial states that were fitted to it.
+    scaled for the parameters and initial states that were fitted to it. Where parameters do the same thing
+    (a stiffness, and the reference of an effect that acts like one), what they do together is what is sure.
     """
     J, r = fit.jacobian, fit.residual
     n = J.shape[2]
@@ -23,7 +26,7 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
     flat = J.reshape(-1, n)
     size = np.linalg.norm(flat, axis=0)
     size[size == 0] = 1.0
-    bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-12, hermitian=True)
+    bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=ALIKE, hermitian=True)
     length = block_length(r.shape[0], r.shape[1] // n_outputs)
     scores = blocks_of(J * r[:, :, None], n_outputs, length) / size
     fitted = n + problem.n_initial

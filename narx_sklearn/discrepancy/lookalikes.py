@@ -24,10 +24,18 @@ SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 def likeliest(candidates: list[Candidate]) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
-    Natural is an effect made for the unit of its argument (gravity for an angle), if the data tell its
-    parameters apart (gravity at one angle is a constant load), then fewer parameters.
+    Where the best holds another as a special case, hardly worse, that one is enough. Else natural is an effect
+    made for the unit of its argument (gravity for an angle), if the data tell its parameters apart (gravity
+    at one angle is a constant load), then fewer parameters.
     """
     best = min(candidates, key=lambda c: c.criterion)
+    simpler = [
+        c
+        for c in candidates
+        if c.criterion <= best.criterion + HARDLY and len(c.effects) == len(best.effects) and _holds(c, best)
+    ]
+    if simpler:
+        return likeliest(simpler)
     alike = [
         c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
     ]
@@ -97,8 +105,8 @@ def look_alikes(
     parameters projected out, with a variance from short blocks.
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
-    worse than a form may be wrong by. One that holds the best as a special case and came to the same run stays
-    if it fits as well with an ordinary shape, far from that special case.
+    worse than a form may be wrong by. One that holds the best as a special case and came to the same run
+    stays if it fits as well with an ordinary shape, far from that special case.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
 NARROW, WIDE = 0.05, 0.25  # widths of a knee, as shares of the signal's range
+LEVELS_TRIED = 200  # on either side
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
 
@@ -42,6 +43,26 @@ def _clip_transform(signal, second, dt, theta, first):
 
 def _clip_starts(setting: Setting) -> np.ndarray:
     return telling(setting, _levels(setting), _clip_transform)
+
+
+def _clip_scan(setting: Setting) -> tuple[np.ndarray, int]:
+    """Clip the simulated signal at every level, from above and from below."""
+    signal, residual = setting.argument, setting.residual
+    lowest, middle, highest = quantiles(signal, [0.0, 0.5, 1.0])
+    if not np.all(np.isfinite(residual)) or not highest > lowest:
+        return np.empty((0, 2)), 0
+    reach = 2 * (highest - lowest)
+    best = []
+    for end, sign in ((lowest, -1.0), (highest, 1.0)):
+        levels = np.linspace(middle, end, LEVELS_TRIED, endpoint=False)
+        gain = []
+        for level in levels:
+            beyond = sign * (signal - level) > 0
+            missed = residual[beyond] + signal[beyond] - level
+            gain.append(residual[beyond] @ residual[beyond] - missed @ missed)
+        best.append(float(levels[np.argmax(gain)]))
+    rows = np.array([best, [best[0], highest + reach], [lowest - reach, best[1]]])
+    return telling(setting, rows, _clip_transform), 2 * LEVELS_TRIED
 
 
 def _levels(setting: Setting) -> np.ndarray:
@@ -191,6 +212,7 @@ LIMITS = (
         input_port=False,
         amplitude=None,
         lookalikes=("input_saturation", "overflow"),
+        scan=_clip_scan,
         separate_by="counting values at the flat top, and timing the fall after it",
         source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
         phi=_sensor_clip_phi,

@@ -116,16 +116,16 @@ def _root_outflow_starts(setting: Setting) -> np.ndarray:
 
 @kernel
 def _bilinear_input(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * second * (argument - theta[1])
+    return theta[0] * (second - theta[2]) * (argument - theta[1])
 
 
 def _bilinear_input_starts(setting: Setting) -> np.ndarray:
     if setting.second is None or spread(setting.second) == 0 or spread(setting.argument) == 0:
-        return np.empty((0, 2))
+        return np.empty((0, 3))
     return scaled(
         setting,
-        grid([1.0], working_points(setting.argument)),
-        lambda row: setting.second * (setting.argument - row[1]),
+        grid([1.0], working_points(setting.argument), working_points(setting.second)),
+        lambda row: (setting.second - row[2]) * (setting.argument - row[1]),
     )
 
 
@@ -244,8 +244,12 @@ LOADS = (
         code="bilinear_input",
         title="Gain that depends on the state",
         sentence="How strongly the input acts depends on the state.",
-        equation="b u (x - r)",
-        parameters=(EffectParameter("b", "{port}/({arg} {second})"), EffectParameter("r", "{arg}")),
+        equation="b (u - c) (x - r)",
+        parameters=(
+            EffectParameter("b", "{port}/({arg} {second})"),
+            EffectParameter("r", "{arg}"),
+            EffectParameter("c", "{second}"),
+        ),
         starts=_bilinear_input_starts,
         force=_bilinear_input,
         argument="any",
