@@ -45,6 +45,7 @@ simulator = ODESimulator(
     parameters={"gain [m/s^2/V]": 4.3, "damping [1/s]": 5.0, "stiffness [1/s^2]": 170.0},
 )
 """
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(narx_sklearn.__file__).parents[1])}
 FEW = "--effects=coulomb_friction,cubic_stiffness"
 
 
@@ -121,7 +122,23 @@ def test_help_waits_for_no_numerics():
             "Give --model or --y-sim, not both",
         ),
         (["diagnose", "{bench}", "--report", "-"], "--report needs a file name"),
+        (["diagnose", "{bench}", "--u=drive", "--y=drive", "--y-sim=position"], "was taken for --u and --y;"),
+        (["diagnose", "{bench}", "--seed", "-1"], "'-1' is not a whole number from 0"),
+        (["diagnose", "{bench}", "--jobs", "0"], "'0' is no number of threads"),
         (["compensate", "{bench}"], "Give either --model"),
+        (
+            ["compensate", "{bench}", "--model", "m.json", "--method", "inverse"],
+            "inverse identifies a model of",
+        ),
+        (["compensate", "{bench}", "--model", "m.json", "--limits", "1", "0"], "the least before the most"),
+        (
+            ["excite", "prvs", "--samples=9", "--dt=1", "--min=0", "--max=inf", "--hold", "1", "2"],
+            "inf is not finite",
+        ),
+        (
+            ["excite", "prvs", "--samples=9", "--dt=1", "--min=0", "--max=1", "--hold", "3", "2"],
+            "--hold 3 2: the least",
+        ),
         (["compensate", "-", "--record", "-"], "cannot both come from standard input"),
         (["compensate", "-", "--model", "m.json", "--u", "drive"], "--u names a column of --record, and"),
         (["excite", "prvs", "--samples=9", "--dt=1", "--min=0", "--max=1"], "prvs needs --hold"),
@@ -152,7 +169,14 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
             "There is no effect 'gremlins'",
         ),
         (["diagnose", "{bench}", "--model", "{servo}", "--alpha", "2"], "alpha is a probability"),
-        (["diagnose", "{bench}", "--model", "{servo}:fail"], "raised LookupError: no such stage"),
+        (
+            ["diagnose", "{bench}", "--model", "{servo}:fail"],
+            "servo.py, line 12, raised LookupError: no such",
+        ),
+        (
+            ["excite", "multisine", "--samples=1000000000000000", "--dt=1", "--min=0", "--max=1"],
+            "not enough memory",
+        ),
         (["diagnose", "{bench}", "--json", "absent/a.json"], "there is no folder absent"),
         (["compensate", "{bench}", "--model", "absent.json"], "absent.json"),
         (["compensate", "{bench}", "--model", "{servo}"], "is not JSON"),
@@ -170,6 +194,24 @@ def test_a_model_file_that_raises_is_named(tmp_path, bench, capsys):
     (tmp_path / "broken.py").write_text("import no_such_module_anywhere\n")
     assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "broken.py")]) == 1
     assert "raised ModuleNotFoundError" in capsys.readouterr().err
+
+
+def test_an_error_inside_the_equations_tells_the_line_of_the_model_file(tmp_path, bench, capsys):
+    (tmp_path / "typo.py").write_text(SERVO.replace("p[2] * x[0]", "p[7] * x[0]"))
+    assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "typo.py")]) == 1
+    assert "typo.py, line 5, raised ValueError" in capsys.readouterr().err
+
+
+def test_a_model_file_that_ends_the_program_is_named(tmp_path, bench, capsys):
+    (tmp_path / "quits.py").write_text("import sys\nsys.exit(3)\n")
+    assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "quits.py")]) == 1
+    assert "quits.py, line 2, raised SystemExit: 3" in capsys.readouterr().err
+
+
+def test_of_several_simulators_one_must_be_named(tmp_path, bench, capsys):
+    (tmp_path / "two.py").write_text(SERVO.replace("\nsimulator = ", "\nstage_a = stage_b = "))
+    assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "two.py")]) == 2
+    assert "it holds stage_a, stage_b. Name the one that is meant: --model" in capsys.readouterr().err
 
 
 def test_what_a_model_file_prints_stays_out_of_standard_output(bench, capsys):
@@ -216,6 +258,29 @@ def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
     assert (tmp_path / "old.csv").read_text() == "new"
     write_text(os.devnull, "gone")
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
+EXCITE = [
+    sys.executable,
+    "-m",
+    "narx_sklearn",
+    *["excite", "prvs", "--samples", "9", "--dt", "1", "--min", "0", "--max", "1", "--hold", "1", "2"],
+]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell and /dev/full")
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [(">&-", "standard output: it is closed"), (">/dev/full", "standard output: No space left on device")],
+)
+def test_a_standard_output_that_takes_nothing_is_told(target, message):
+    command = f'"$0" "$@" {target}'
+    done = subprocess.run(["sh", "-c", command, *EXCITE], capture_output=True, text=True, env=ENVIRONMENT)
+    assert done.returncode == 1
+    assert (
+        done.stderr
+        == f"narx-sklearn excite: Cannot write to {message}{'. Name a file' * ('closed' in message)}.\n"
+    )
 
 
 def test_an_interrupt_ends_with_130(monkeypatch, capsys):
@@ -316,13 +381,12 @@ def test_an_interrupted_diagnosis_leaves_no_file_and_ends_with_130(bench, tmp_pa
     stream, shown = terminal
     record, model = str(bench / "bench.csv"), str(bench / "servo.py")
     command = ["diagnose", record, "--model", model, "--json", "result.json", "--report", "result.html"]
-    root = Path(narx_sklearn.__file__).parents[1]
     with subprocess.Popen(
         [sys.executable, "-c", INTERRUPTIBLE, *command],
         stdout=subprocess.PIPE,
         stderr=stream,
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(root)},
+        env=ENVIRONMENT,
     ) as work:
         try:
             wait_for("fit of the simulator's own parameters |", shown)
@@ -403,11 +467,20 @@ def test_identify_without_lags_chooses_them(monkeypatch, capsys):
 
 
 def test_compensate_keeps_the_limits_and_tells_so(model, monkeypatch, capsys):
-    feed(monkeypatch, "r;load\n0,0;1,0\n5,0;1,0\n5,0;1,0\n")
+    feed(monkeypatch, "r;load\n0,0;1,0\n0,0;1,0\n5,0;1,0\n5,0;1,0\n")
     assert main(["compensate", "-", "--model", model, "--limits", "-1", "1", "--r", "r"]) == 0
     said = capsys.readouterr()
     assert table(said.out)["u [V]"].abs().max() <= 1
     assert "no admissible input" in said.err
+
+
+def test_no_file_is_written_where_the_law_has_no_solution_at_all(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "even.json"
+    NARXModel.from_equations("0.5*y[k-1] + u[k-1]^2").save(path)  # no input makes y negative
+    feed(monkeypatch, "r\n" + "-1\n" * 5)
+    assert main(["compensate", "-", "--model", str(path), "--output", str(tmp_path / "u.csv")]) == 1
+    assert "No admissible input solves the law at any sample" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["even.json"]
 
 
 def test_a_reference_that_cannot_be_told_is_asked_for(model, monkeypatch, capsys):

@@ -89,6 +89,35 @@ def test_iso_time_stamps_give_the_period(tmp_path):
     assert list(sampled.frame) == ["u"]
 
 
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ["31.01.2026 23:59:50", "31.01.2026 23:59:55", "01.02.2026 00:00:00", "01.02.2026 00:00:05"],
+        [
+            "01/31/2026 11:59:50 PM",
+            "01/31/2026 11:59:55 PM",
+            "02/01/2026 12:00:00 AM",
+            "02/01/2026 12:00:05 AM",
+        ],
+        ["31/01/2026 23:59:50", "31/01/2026 23:59:55", "01/02/2026 00:00:00", "01/02/2026 00:00:05"],
+        ["2026/01/31 23:59:50", "2026/01/31 23:59:55", "2026/02/01 00:00:00", "2026/02/01 00:00:05"],
+        ["23:59:50", "23:59:55", "0:00:00", "0:00:05"],
+    ],
+    ids=["points", "month first", "day first", "year first", "clock"],
+)
+def test_stamps_of_many_lands_give_the_period_over_midnight(tmp_path, stamps):
+    rows = "\n".join(f"{stamp};{k},5" for k, stamp in enumerate(stamps))
+    sampled = sample_evenly(read_table(written(tmp_path, "when;u\n" + rows)))
+    assert sampled.dt == pytest.approx(5.0)
+    assert len(set(sampled.sessions)) == 1
+
+
+def test_of_a_date_and_a_clock_in_two_columns_the_clock_gives_the_period(tmp_path):
+    rows = "\n".join(f"01.03.2026;10:00:0{k},5;{k}" for k in range(5))
+    sampled = sample_evenly(read_table(written(tmp_path, "date;clock;u\n" + rows)))
+    assert sampled.dt == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(("unit", "seconds"), [("s", 0.5), ("ms", 0.5e-3), ("min", 30.0)])
 def test_time_counts_in_the_unit_of_its_header(tmp_path, unit, seconds):
     text = record(",", ".", header=f"time [{unit}]{{0}}u{{0}}y\n")
@@ -168,7 +197,7 @@ def test_resampling_fills_no_missing_value(tmp_path):
     ("text", "message"),
     [
         ("", "is empty"),
-        ("u,y\n", "no line of values|does not look like a table"),
+        ("u,y\n", "a header, but no line of values"),
         ("hello\nworld\n", "does not look like a table of numbers"),
         ("u,y\n1,2\n3,x4\n5,6\n7,8\n", r"line 3, column 'y': 'x4' is not a number"),
         ("u,y\n1,2\n3,4,5\n6,7\n8,9\n", "line 3 has 3 values, the lines before 2"),

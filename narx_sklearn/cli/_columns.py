@@ -107,6 +107,13 @@ def choose_columns(table: Table, frame: pd.DataFrame, options, simulated: bool, 
             f"{' and '.join(lacking)} (a name, or the column's number in the file; several with commas)."
             + (" Or give the simulation with --model file.py:simulator." if "--y-sim" in lacking else "")
         )
+    roles = [("--u", u), ("--y", y), ("--y-sim", y_sim)]
+    for label in [*u, *y, *y_sim]:
+        options_of = [option for option, chosen in roles for name in chosen if name == label]
+        if len(options_of) > 1:
+            raise UsageError(
+                f"Column {label!r} was taken for {' and '.join(options_of)}; a column has one part to play."
+            )
     if simulated and len(y_sim) != len(y):
         raise UsageError(
             f"There are {len(y)} outputs ({', '.join(y)}), but {len(y_sim)} simulated ({', '.join(y_sim)})."

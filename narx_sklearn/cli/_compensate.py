@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn._validation import split_unit
 from narx_sklearn.cli._columns import asked_columns, read_recording
-from narx_sklearn.cli._errors import UsageError
+from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
 from narx_sklearn.cli._sampling import sample_evenly
@@ -26,6 +26,15 @@ def run(options) -> None:
     for option in ("u", "y", "session"):
         if options.record is None and getattr(options, option) is not None:
             raise UsageError(f"--{option} names a column of --record, and there is none.")
+    if options.model is not None and options.method == "inverse":
+        raise UsageError(
+            "--method inverse identifies a model of its own, from output back to input: pass --record. "
+            "The model that `identify --save` wrote serves the methods roots and isolated."
+        )
+    if options.limits is not None and not options.limits[0] < options.limits[1]:
+        raise UsageError(
+            f"--limits wants the least before the most, got {options.limits[0]:g} {options.limits[1]:g}."
+        )
     limits = None if options.limits is None else tuple(options.limits)
     compensator = METHODS[options.method](limits=limits, rate_limit=options.rate_limit)
     if options.model is not None:
@@ -43,6 +52,12 @@ def run(options) -> None:
     columns, reference, notes = _read_reference(options)
     done = compensator.compensate(reference)
     counts = done.counts
+    if counts.no_solution == counts.samples:
+        raise DataError(
+            "No admissible input solves the law at any sample, so none is written. Does the reference lie in "
+            "the range of the recorded output, and in its unit? Else identify with fewer terms, or widen "
+            "--limits."
+        )
     notes += [f"The law:\n{compensator.law_.to_text()}"]
     for what, count in (
         ("no admissible input solved the law, so it was held", counts.no_solution),

@@ -28,6 +28,9 @@ def run(options) -> None:
 def _prvs(options) -> np.ndarray:
     if options.hold is None:
         raise UsageError("prvs needs --hold: the least and most samples that a level is held.")
+    if not 1 <= options.hold[0] <= options.hold[1]:
+        least, most = options.hold
+        raise UsageError(f"--hold {least} {most}: the least must be at least 1, the most no less than it.")
     least, most = ((value,) for value in options.hold)
     steps = StepTable((options.max - options.min,), least, most, least, most)
     return prvs(options.samples, steps, u_min=options.min, u_max=options.max, random_state=options.seed)

@@ -23,11 +23,22 @@ def read_bytes(source: str) -> bytes:
 def write_text(target: str, text: str) -> None:
     """Write a file in one piece, or to standard output where the target is ``-``."""
     if target == "-":
-        sys.stdout.write(text)
-        sys.stdout.flush()
+        _write_out(text)
         return
     with replaced(target) as draft:
         Path(draft).write_text(text, encoding="utf-8")
+
+
+def _write_out(text: str) -> None:
+    if sys.stdout is None:
+        raise DataError("Cannot write to standard output: it is closed. Name a file.")
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough
+        raise
+    except OSError as error:
+        raise DataError(f"Cannot write to standard output: {error.strerror}.") from error
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from narx_sklearn._validation import split_unit
 from narx_sklearn.cli._errors import DataError
+from narx_sklearn.cli._stamps import is_stamp
 
 SEPARATORS = (";", "\t", ",", "|", r"\s+")
 LOOKED_AT = 60  # lines
@@ -17,7 +18,6 @@ NUMBER = {
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?$|[+-]?inf(inity)?$", re.IGNORECASE),
 }
 COMMENT = re.compile(r"^[ \t]*#(?!n/a).*$", re.IGNORECASE | re.MULTILINE)  # a line, not a missing value
-STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?)?$")
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,8 @@ def guess_layout(text: str, source: str = "the table") -> Layout:
             rank = (round(share, 2), width, decimal == ".")
             if good and (best is None or rank > best[0]):
                 best = rank, separator, decimal, rows, width
+    if best is None and len(lines) == 1:
+        raise DataError(f"{source} has one line and no number in it: a header, but no line of values.")
     if best is None or best[0][0] < 0.4:
         raise DataError(
             f"{source} does not look like a table of numbers. Wanted is one line for each sample, its values "
@@ -136,7 +138,7 @@ def _with_unit(label: str, unit: str) -> str:
 def is_value(cell: str, decimal: str) -> bool:
     """Tell whether a cell is a number, a time stamp, or a mark for a missing value."""
     cell = cell.strip()
-    return cell.lower() in MISSING or bool(NUMBER[decimal].match(cell) or STAMP.match(cell))
+    return cell.lower() in MISSING or bool(NUMBER[decimal].match(cell) or is_stamp(cell))
 
 
 def split(line: str, separator: str) -> list[str]:

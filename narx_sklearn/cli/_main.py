@@ -50,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.simplefilter("always", NarxWarning)
             warnings.showwarning = _show_warning
             import_module(f"narx_sklearn.cli.{options.module}").run(options)
-            sys.stdout.flush()
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except UsageError as error:
         return _tell(
             options, error, f"{error}\nTry: {PROGRAM} {options.command} --help", UsageError.exit_code
@@ -60,6 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return DataError.exit_code
     except (DataError, *REFUSALS) as error:
         return _tell(options, error, str(error), DataError.exit_code)
+    except MemoryError as error:
+        return _tell(options, error, f"There is not enough memory for this: {error}.", DataError.exit_code)
     except KeyboardInterrupt as error:
         return _tell(options, error, "interrupted; no file was left half written", INTERRUPTED)
     return 0

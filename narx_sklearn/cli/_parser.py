@@ -4,6 +4,7 @@ import argparse
 
 from narx_sklearn import __version__
 
+SEEDS = 2**32  # what numpy takes
 RECORD_HELP = """\
 The record is a table (csv, tsv, txt or parquet; - for standard input) with one line for each sample.
 Separator, decimal comma, header, units in brackets and a time column are found out, and what was found is
@@ -142,8 +143,10 @@ def _diagnose(parser) -> None:
     group.add_argument(
         "--test-fraction", type=float, default=0.2, help="last share held out (default: %(default)s)"
     )
-    group.add_argument("--seed", type=int, default=0, help="of all random draws (default: %(default)s)")
-    group.add_argument("--jobs", type=int, metavar="N", help="threads (default: 1)")
+    group.add_argument("--seed", type=seed, default=0, help="of all random draws (default: %(default)s)")
+    group.add_argument(
+        "--jobs", type=jobs, metavar="N", help="threads (default: 1; -1: as many as there are)"
+    )
 
 
 def _identify(parser) -> None:
@@ -190,8 +193,8 @@ def _excite(parser) -> None:
     parser.add_argument("signal", choices=("prvs", "prfs", "multisine"), help="kind of signal")
     parser.add_argument("--samples", type=int, required=True, help="length of the signal")
     parser.add_argument("--dt", type=positive, required=True, metavar="SECONDS", help="sampling period")
-    parser.add_argument("--min", type=float, required=True, help="least value")
-    parser.add_argument("--max", type=float, required=True, help="largest value")
+    parser.add_argument("--min", type=finite, required=True, help="least value")
+    parser.add_argument("--max", type=finite, required=True, help="largest value")
     parser.add_argument(
         "--name", default="u", help="label of the column, such as 'drive [V]' (default: %(default)s)"
     )
@@ -203,7 +206,7 @@ def _excite(parser) -> None:
         "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="multisine: excited frequencies, Hz"
     )
     parser.add_argument("--odd", action="store_true", help="multisine: odd lines only")
-    parser.add_argument("--seed", type=int, default=0, help="of the random draws (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the random draws (default: %(default)s)")
     parser.add_argument(
         "--output", metavar="FILE", default="-", help="where to write (default: standard output)"
     )
@@ -217,12 +220,34 @@ def _demo(parser) -> None:
     parser.add_argument("--csv", metavar="FILE", help="write the recording too")
 
 
-def positive(text: str) -> float:
-    """Return a positive number, or raise what argparse makes a message of."""
+def finite(text: str) -> float:
+    """Return a finite number, or raise what argparse makes a message of."""
     try:
         value = float(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number; write decimals with a point") from error
-    if not 0 < value < float("inf"):
+    if not abs(value) < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
+    return value
+
+
+def positive(text: str) -> float:
+    """Return a positive number, or raise what argparse makes a message of."""
+    value = finite(text)
+    if value <= 0:
         raise argparse.ArgumentTypeError(f"{text} must be positive")
     return value
+
+
+def seed(text: str) -> int:
+    """Return a seed, or raise what argparse makes a message of."""
+    if not text.isdigit() or int(text) >= SEEDS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to {SEEDS - 1}")
+    return int(text)
+
+
+def jobs(text: str) -> int:
+    """Return a number of threads, or raise what argparse makes a message of."""
+    if not text.lstrip("-").isdigit() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of threads; pass 1 or more, or -1 for all")
+    return int(text)

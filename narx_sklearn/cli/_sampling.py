@@ -85,7 +85,8 @@ def sample_evenly(
     steps = np.diff(t)
     if not same.any():
         raise DataError(
-            f"{table.source} has {t.size} samples; a sampling period needs at least 2 of one recording."
+            f"{table.source} has {t.size} sample{'s' if t.size > 1 else ''}; a sampling period needs at "
+            "least 2 of one recording."
         )
     _check_forward(t, same, column, table.source)
     period = resample or float(np.median(steps[same]))
@@ -136,8 +137,8 @@ def _time_column(table: Table, asked: str | None) -> str | None:
     labels = list(table.frame.columns)
     if asked is not None:
         return find_column(labels, asked, "--time")
-    if len(table.stamped) == 1:
-        return next(iter(table.stamped))
+    if table.stamped:  # a date and a clock in columns of their own: the clock has more to say
+        return max(table.stamped, key=lambda label: (table.frame[label].nunique(), label))
     for label in labels:
         if split_unit(label)[0].strip().lower() in TIME_NAMES:
             return label

@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+import traceback
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
@@ -42,7 +43,8 @@ def load_simulator(text: str) -> Simulator:
         found = getattr(module, name, None)
         if found is None:
             there = f"it holds {', '.join(held)}" if held else "it holds no Simulator"
-            raise UsageError(f"--model {text}: {path} has no {name!r}; {there}.")
+            way = f" Name the one that is meant: --model {path}:{next(iter(held))}." if held else ""
+            raise UsageError(f"--model {text}: {path} has no {name!r}; {there}.{way}")
         if not isinstance(found, Simulator) and callable(found):
             with _blamed_on(path):
                 found = found()
@@ -75,8 +77,20 @@ def _executed(path: Path, text: str) -> ModuleType:
 def _blamed_on(path: Path):
     try:
         yield
-    except Exception as error:
-        raise DataError(f"The model {path} raised {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        line = _last_line(error, path)
+        where = f", line {line}," if line else ""
+        raise DataError(f"The model {path}{where} raised {type(error).__name__}: {error}") from error
+
+
+def _last_line(error: BaseException, path: Path) -> int | None:
+    """Return the innermost line of a file that an error, or what caused it, came through."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    lines = [
+        frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path
+    ]
+    return lines[-1] if lines else None
 
 
 def _parts(text: str) -> tuple[Path, str | None]:

@@ -13,7 +13,8 @@ import pandas as pd
 
 from narx_sklearn.cli._errors import DataError
 from narx_sklearn.cli._files import read_bytes
-from narx_sklearn.cli._layout import COMMENT, MISSING, STAMP, Layout, guess_layout
+from narx_sklearn.cli._layout import COMMENT, MISSING, Layout, guess_layout
+from narx_sklearn.cli._stamps import is_stamp, stamp_seconds
 
 BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 SPOKEN = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", r"\s+": "blanks"}
@@ -175,23 +176,24 @@ def _numbers(values: pd.Series, decimal: str, blame) -> Column:
         return Column(_seconds(values), is_stamp=True)
     cells = values.astype("string").str.strip()
     missing = (cells.isna() | cells.str.lower().isin(MISSING)).to_numpy(dtype=bool)
-    stamps = cells.str.match(STAMP.pattern).fillna(False).to_numpy(dtype=bool)
+    stamps = np.array([isinstance(cell, str) and is_stamp(cell) for cell in cells], dtype=bool)
     if (stamps | missing).all() and stamps.any():
-        stamped = pd.to_datetime(cells.str.replace(",", "."), format="ISO8601", utc=True, errors="coerce")
-        _check_cells(stamped, missing, cells, blame)
-        return Column(_seconds(stamped), is_stamp=True)
+        seconds = stamp_seconds(cells.mask(missing))
+        _check_cells(seconds, missing, cells, blame)
+        return Column(seconds, is_stamp=True)
     plain = cells.str.replace(",", ".") if decimal == "," else cells
     numbers = pd.to_numeric(plain, errors="coerce")
     if numbers.isna().all() and not stamps.any() and not missing.all():
         codes, words = pd.factorize(cells.mask(missing))
         return Column(np.where(codes < 0, np.nan, codes), word=str(words[0]))
-    _check_cells(numbers, missing, cells, blame)
-    return Column(numbers.to_numpy(dtype=float, na_value=np.nan))
+    read = numbers.to_numpy(dtype=float, na_value=np.nan)
+    _check_cells(read, missing, cells, blame)
+    return Column(read)
 
 
-def _check_cells(read: pd.Series, missing: np.ndarray, cells: pd.Series, blame) -> None:
+def _check_cells(read: np.ndarray, missing: np.ndarray, cells: pd.Series, blame) -> None:
     """Raise for the first cell that holds something and was not understood."""
-    bad = np.flatnonzero(read.isna().to_numpy(dtype=bool) & ~missing)
+    bad = np.flatnonzero(np.isnan(read) & ~missing)
     if bad.size:
         raise DataError(blame(cells.iloc[bad[0]], int(bad[0])))
 
