@@ -88,7 +88,7 @@ def test_the_curve_of_a_cubic_spring_is_the_cubic_and_the_cloud_lies_on_the_trut
     largest = K3 * np.abs(medians["argument"]).max() ** 3
     assert np.abs(medians["force"] + K3 * medians["argument"] ** 3).max() < 0.1 * largest
     assert display.ax_.get_xlabel() == "position (m)"
-    assert display.ax_.get_ylabel() == "added to the rate of velocity (m/s/s)"
+    assert display.ax_.get_ylabel() == "added to the rate of velocity (m/s^2)"
     assert display.title == "Cubic stiffness"
     assert list(display.to_frame()) == ["argument", "fitted", "needed"]
     display.figure_.canvas.draw()

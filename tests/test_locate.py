@@ -306,7 +306,7 @@ def test_hidden_cubic_stiffness_is_found_at_the_velocity_equation(simulator, col
     _, _, _, table = located(simulator, u, plant(with_cube).simulate(u) + 0.002 * e, windows)
     assert table.loc[0, ["kind", "index"]].tolist() == ["state", 1]
     assert table["tied"].tolist() == [True, False, False, False]
-    assert table.loc[0, "unit"] == "m/s/s"
+    assert table.loc[0, "unit"] == "m/s^2"
     assert table.loc[0, "share"] > 0.98
 
 

@@ -150,7 +150,7 @@ def test_a_rate_that_is_a_state_is_not_listed_twice():
     names = list(features(u, x, 0.02, **SIGNALS))
     assert "velocity [m/s]" in names
     assert "rate of position [m/s]" not in names
-    assert "rate of velocity [m/s/s]" in names
+    assert "rate of velocity [m/s^2]" in names
 
 
 # --- frequencies ---

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,9 +14,9 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
-from narx_sklearn.report._figures import thinned
+from narx_sklearn.report._figures import before_and_after, thinned
 from narx_sklearn.report._runs import gather, whitened
-from narx_sklearn.report._words import number
+from narx_sklearn.report._words import headline, number
 
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
@@ -159,6 +160,24 @@ def test_the_curve_of_the_data_is_found_without_the_effect(case):
     np.testing.assert_allclose(curve.fitted, -k3 * curve.argument**3, rtol=1e-9)
 
 
+def test_what_the_data_ask_of_an_output_is_what_the_sensor_took_off():
+    about = {"dt": 0.05, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.normal(0, 3, 100), 10)
+    exact = {"gain [m/s^2/V]": 1.1, "damping [1/s]": 0.7, "stiffness [1/s^2]": 11.0}
+    simulator = ODESimulator(stage, parameters=exact, **about)
+    true = simulator.simulate(u)[:, 0]
+    shown = np.minimum(true, 0.3) + 0.005 * rng.normal(size=u.size)
+    dx = DiscrepancyRegressor(simulator, effects=["sensor_clip"]).fit(u, shown)
+    assert dx.findings_[0].effect == "sensor_clip"
+    curve = effect_curves(dx, gather(dx, u, shown))[0]
+    _, _, at, needed, *_ = curve
+    clipped = at > 0.35
+    assert clipped.sum() > 20
+    off = 0.05  # ten times the noise
+    np.testing.assert_allclose(needed[clipped], 0.3 - at[clipped], atol=off)
+
+
 def test_another_record_is_refused(case):
     with pytest.raises(ValueError, match=r"has 1000 samples, X has 900\. Pass the X"):
         render_report(case[0], case[1][:900], case[2][:900])
@@ -189,6 +208,53 @@ def test_whitening_inverts_an_autoregression_and_stops_at_sessions():
     found = whitened(r[:, None], noise, np.repeat([0, 1], 100))[:, 0]
     assert np.isnan(found[[0, 100]]).all()
     np.testing.assert_allclose(np.delete(found, [0, 100]), np.delete(e, [0, 100]), atol=1e-12)
+
+
+def scores(**errors):
+    """What the headline reads of a diagnosis with one finding."""
+    finding = SimpleNamespace(title="a curve", place="on the output y", lookalikes=())
+    table = pd.DataFrame({"nrmse": errors})
+    return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table)
+
+
+@pytest.mark.parametrize(
+    ("errors", "end"),
+    [
+        (
+            (0.2, 0.1),
+            "; on data the fit never saw the error goes from 20 % to 10 % of the recording's spread.",
+        ),
+        (
+            (0.1, 0.2),
+            "never saw this is no better: the error goes from 10 % to 20 % of the recording's spread.",
+        ),
+        ((np.inf, np.inf), "; on data the fit never saw, the free run leaves the finite range."),
+        ((np.inf, 0.1), "a free run that diverged has an error of 10 % now."),
+    ],
+)
+def test_the_headline_tells_what_became_of_the_error_whatever_it_is(errors, end):
+    told = headline(scores(nominal=0.3, refitted=errors[0], augmented=errors[1]))
+    assert told.endswith(end)
+    assert "what comes nearest: A curve on the output y" in told
+
+
+def test_a_run_that_leaves_the_recording_far_behind_does_not_squeeze_it():
+    t = np.arange(100.0)
+    svg = before_and_after(t, np.sin(t / 9), {"lost": np.exp(t), "good": np.sin(t / 9)}, "y [m]", "a case")
+    assert not re.search(r">1e\d+<", svg)  # the scale of an axis that follows the lost run
+    assert "error [m]" in svg
+
+
+def test_every_number_at_the_top_and_in_the_figures_is_in_a_table_too(page):
+    cells = re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", page)
+    for fact in re.findall(r"<dd>([^<]*)</dd>", page):
+        assert fact in cells
+    folded = re.findall(r"<summary>([^<]*)</summary>", page)
+    assert folded == [
+        "The difference in numbers",
+        "The curve in numbers (medians in bins, 95 % intervals)",
+        "The correlations in numbers (bounds in brackets)",
+    ]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs a chromium")

@@ -8,6 +8,7 @@ from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_for
 from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.units import tidy_unit
 
 
 def state_forces(
@@ -72,7 +73,7 @@ def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
     unit = _signals(placed, simulator)[placed.port.index].unit
     if placed.port.kind != "state" or simulator.discrete:
         return unit
-    return f"{unit}/s" if unit else "1/s"
+    return tidy_unit(f"{unit or 1}/s")
 
 
 def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:

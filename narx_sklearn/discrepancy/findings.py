@@ -10,15 +10,14 @@ from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.units import tidy_unit
 
 
 def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> list[Finding]:
     """Return the findings of a diagnosis, in the order in which the effects were found."""
-    best, base = diagnosis.best, diagnosis.refitted
+    best, base = told(diagnosis), diagnosis.refitted
     if not best.effects:
         return []
-    if diagnosis.verdict == "unknown" and diagnosis.unnamed is not None:
-        best = min((best, diagnosis.unnamed), key=lambda c: c.criterion)
     sure = intervals(diagnosis.problem, best.fit, level)
     at = best.fit.model.p.size
     share = 1 - best.fit.cost / base.cost
@@ -57,6 +56,14 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
     return found
 
 
+def told(diagnosis: Diagnosis) -> Candidate:
+    """Return the fitted set of effects that the findings tell of: the named one or, if better, a curve."""
+    best = diagnosis.best
+    if best.effects and diagnosis.verdict == "unknown" and diagnosis.unnamed is not None:
+        return min((best, diagnosis.unnamed), key=lambda c: c.criterion)
+    return best
+
+
 def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
     """Return the weight of this effect among all that were tried in its place, from the criterion."""
     place = best.effects[i].place
@@ -88,7 +95,7 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     port = correction_unit(placed, simulator)
     second = simulator.inputs[placed.second].unit if placed.second >= 0 else ""
     fill = {"port": port, "arg": placed.argument_unit or "-", "second": second or "-"}
-    units = [p.unit.format(**fill) for p in placed.effect.parameters]
+    units = [tidy_unit(p.unit.format(**fill)) for p in placed.effect.parameters]
     return units + ["-"] * (placed.onward >= 0)
 
 

@@ -1,5 +1,7 @@
 """The diagnosis in words, for a terminal."""
 
+import numpy as np
+
 from narx_sklearn.discrepancy.results import VERDICTS, p_text
 
 
@@ -16,14 +18,16 @@ def report_text(dx) -> str:
 def _what(dx) -> list[str]:
     lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
     for i, finding in enumerate(dx.findings_, start=1):
-        lines.append(f"{i}. {finding.title} {finding.place}.")
+        title = finding.title[:1].upper() + finding.title[1:]
+        lines.append(f"{i}. {title} {finding.place}.")
         lines.append(f"   {finding.sentence}")
         if finding.equation:
             lines.append(f"   {finding.equation}, x = {finding.argument}")
         for name, value in finding.parameters.items():
             low, high = finding.intervals[name]
             unit = finding.units[name]
-            lines.append(f"   {name} = {value:.4g} {unit}   ({low:.4g} to {high:.4g})")
+            value_text = f"{value:.4g} {unit}" if unit != "-" else f"{value:.4g}"
+            lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")
         if finding.rivals:
             lines.append(f"   Just as likely on these data: {', '.join(finding.rivals)}.")
             lines.append(f"   To tell them apart: {finding.separate_by}.")
@@ -37,8 +41,9 @@ def _parameters(dx) -> list[str]:
     shown = "augmented" if dx.findings_ else "refitted"
     lines = ["Parameters of the simulation:"]
     for name, row in dx.parameters_.iterrows():
+        value = f"{row[shown]:.4g} {row['unit']}".rstrip()
         lines.append(
-            f"   {name} = {row[shown]:.4g} {row['unit']}   ({row[shown + '_low']:.4g} to "
+            f"   {name} = {value}   ({row[shown + '_low']:.4g} to "
             f"{row[shown + '_high']:.4g}), nominal {row['nominal']:.4g}"
         )
     return [*lines, ""]
@@ -49,6 +54,9 @@ def _scores(dx) -> list[str]:
         return ["No held-out stretch was long enough for a verification.", ""]
     lines = ["Held-out free run (error over the spread of the recording):"]
     for name, row in dx.scores_.iterrows():
+        if not np.isfinite(row["nrmse"]):
+            lines.append(f"   {name:<10} its free run leaves the finite range")
+            continue
         lines.append(
             f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
             f"{100 * row['nrmse_high']:.3g} %)"

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from narx_sklearn.discrepancy.findings import told
 from narx_sklearn.discrepancy.locate import force_curve
 from narx_sklearn.displays._effect_force import effect_force, labels
 from narx_sklearn.displays._style import BLUE, GREY, VERMILION, import_pyplot
@@ -91,13 +92,14 @@ class EffectCurveDisplay:
             raise TypeError(
                 f"{type(estimator).__name__} holds no diagnosis; pass a fitted DiscrepancyRegressor."
             )
-        added = diagnosis.best.effects
+        best = told(diagnosis)
+        added = best.effects
         if not 0 <= effect < len(added):
             raise ValueError(
                 f"effect is {effect!r}, but the diagnosis ({estimator.verdict_}) added {len(added)} effects, "
                 "counted from 0."
             )
-        model = diagnosis.best.fit.model
+        model = best.fit.model
         index = len(model.effects) - len(added) + effect
         force = effect_force(diagnosis.problem, model, index, MOST_POINTS)
         placed = model.effects[index]

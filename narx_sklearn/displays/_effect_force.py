@@ -48,8 +48,11 @@ def effect_force(problem: Problem, model: Model, index: int, most_points: int) -
         argument, fitted = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
         thin = slice(None, None, -(-rows.size // most_points))
         rows, argument, fitted = rows[thin], argument[thin], fitted[thin]
+    residual = problem.y - run.y
+    if placed.port.kind == "output":  # what lacks is what is left; a smoother would call it coloured noise
+        return EffectForce(argument, fitted, fitted + residual[rows, placed.port.index])
     linear = tangent(simulator, run, problem.u, problem.windows)
-    lacking = latent_force(linear, problem.y - run.y, problem.windows, placed.port)
+    lacking = latent_force(linear, residual, problem.windows, placed.port)
     return EffectForce(argument, fitted, fitted + lacking.w[rows])
 
 

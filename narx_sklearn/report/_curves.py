@@ -61,8 +61,14 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
     placed = simulator.effects[index]
     others = simulator.with_effects([e for i, e in enumerate(simulator.effects) if i != index])
     run = others.run(material.u, windows, material.after.x[windows.first])
-    linear = tangent(others, run, material.u, windows)
-    latent = latent_force(linear, material.y - run.y, windows, placed.port)
+    residual = material.y - run.y
+    if (
+        placed.port.kind == "output"
+    ):  # what is asked for is what is left; a smoother would call it coloured noise
+        needed, sure = residual[:, placed.port.index], None
+    else:
+        latent = latent_force(tangent(others, run, material.u, windows), residual, windows, placed.port)
+        needed, sure = latent.w, latent.w_std[rows]
     if placed.port.kind == "state":
         argument, fitted = force
         at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
@@ -71,10 +77,10 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         at = signal[rows, placed.port.index]
         argument, fitted = signal_change(placed, signal, material.u, windows, rows, simulator.dt)
         argument, fitted = argument[_thinned(rows)], fitted[_thinned(rows)]
-    table = force_curve(latent.w[rows], at, w_std=latent.w_std[rows])
+    table = force_curve(needed[rows], at, w_std=sure)
     table["fitted"] = _medians(fitted, argument, table["argument"].to_numpy())
     keep = np.isin(rows, thin)
-    return EffectCurve(argument, fitted, at[keep], latent.w[rows][keep], table, *_labels(placed, simulator))
+    return EffectCurve(argument, fitted, at[keep], needed[rows][keep], table, *_labels(placed, simulator))
 
 
 def _thinned(rows: np.ndarray) -> slice:

@@ -10,10 +10,13 @@ from zlib import crc32
 
 import numpy as np
 
+from narx_sklearn._validation import split_unit
+
 BLUE, VERMILION, GREEN, GREY = "#2a86c4", "#d5602a", "#1d9a74", "#8a8f98"  # legible on white and on black
 INK = "#012345"  # stands for the page's text colour until the figure is written
 OWN_NAME = re.compile(r'\bid="|href="#|url\(#')  # what stands before a name inside a figure
-WIDTH = 7.2  # inches
+WIDTH = 6.0  # inches; on a phone the texts are then still legible
+FAR = 3.0  # times the recording's range, from which a run counts as lost
 PIXELS = 900  # across a figure; a longer signal is drawn by its least and largest value in each
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -66,7 +69,7 @@ def time_line(time, y, y_sim, residual, segments, label: str, name: str) -> str:
         for axes in (top, bottom):
             axes.axvspan(start, stop, color=VERMILION, alpha=0.16, linewidth=0)
     top.set_ylabel(label)
-    bottom.set_ylabel("difference")
+    bottom.set_ylabel(_like(label, "difference"))
     bottom.set_xlabel("time [s]")
     _legend(top)
     return to_svg(figure, name)
@@ -142,7 +145,8 @@ def before_and_after(time, y, runs: dict, label: str, name: str) -> str:
         _line(bottom, time, y - run, colour, called, 0.9)
     bottom.axhline(0.0, color=INK, linewidth=0.5)
     top.set_ylabel(label)
-    bottom.set_ylabel("error")
+    bottom.set_ylabel(_like(label, "error"))
+    _frame(top, bottom, y, list(runs.values()))
     bottom.set_xlabel("time [s]")
     _legend(top)
     return to_svg(figure, name)
@@ -197,6 +201,22 @@ def _axes(n_rows: int, n_columns: int, *, height: float, **options):
         panel.grid(color=GREY, alpha=0.25, linewidth=0.5)
         panel.set_axisbelow(True)
     return figure, axes
+
+
+def _like(label: str, name: str) -> str:
+    """Return a name with the unit of another label."""
+    unit = split_unit(label)[1]
+    return f"{name} [{unit}]" if unit else name
+
+
+def _frame(top, bottom, y: np.ndarray, runs: list[np.ndarray]) -> None:
+    """Keep the recording in sight where a run leaves it far behind."""
+    low, high = np.nanmin(y), np.nanmax(y)
+    span = (high - low) or 1.0
+    if all(np.isfinite(run).all() and np.ptp(run) <= FAR * span for run in runs):
+        return
+    top.set_ylim(low - span, high + span)
+    bottom.set_ylim(-2 * span, 2 * span)
 
 
 def _legend(axes) -> None:

@@ -18,6 +18,9 @@ from narx_sklearn.report._figures import (
 from narx_sklearn.report._runs import WORDS, Material, gather, noise_left, whitened
 from narx_sklearn.report._words import (
     TableText,
+    capital,
+    correlation_table,
+    difference_table,
     finding_table,
     headline,
     next_steps,
@@ -97,6 +100,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
     """
     template = _environment().get_template("report.html.jinja")
     material = gather(dx, X, y, sessions)
+    facts = _facts(dx, material)
     outputs = [str(signal) for signal in material.simulator.outputs]
     return template.render(
         title=title,
@@ -107,7 +111,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         verdict_sentence=VERDICTS[dx.verdict_],
         headline=headline(dx),
         p_value=p_text(dx.p_value_),
-        facts=_facts(dx, material),
+        facts=facts,
         where=_where(dx, material, outputs),
         what=_what(dx, material),
         parameters=None if dx.parameters_.empty else parameter_table(dx),
@@ -115,7 +119,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         residuals=_residuals(dx, material, outputs),
         steps=next_steps(dx, experiment),
         noise=noise_table(dx),
-        settings=settings_table(dx),
+        settings=settings_table(dx, facts),
         simulator=repr(material.simulator),
     )
 
@@ -224,7 +228,9 @@ def _where(dx, material: Material, outputs) -> dict:
         )
     ]
     figures.append(_state_figure(dx, material, column, seen))
-    return {"figures": figures, "tables": _location_tables(dx.location_)}
+    unit = material.simulator.outputs[column].unit
+    difference = difference_table(t[:last], residual[:last], unit)
+    return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_)}
 
 
 def _relative_error(material: Material) -> np.ndarray:
@@ -238,7 +244,11 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
     states = [str(signal) for signal in material.simulator.states]
     rows = np.flatnonzero(seen & np.isfinite(x).all(axis=1))
     rows = rows[:: -(-rows.size // MOST_DOTS)]
-    if len(states) > 1:
+    if len(states) > 1 and "[k-" in states[1]:  # the states are one signal, moved; their change tells more
+        unit = material.simulator.states[0].unit
+        change = "its change in one sample" + (f" [{unit}]" if unit else "")
+        a, b, labels = x[rows, 0], x[rows, 0] - x[rows, 1], [states[0], change]
+    elif len(states) > 1:
         a, b, labels = x[rows, 0], x[rows, 1], states[:2]
     else:
         a, b, labels = (
@@ -303,9 +313,8 @@ def _what(dx, material: Material) -> list[dict]:
     found = []
     curves = effect_curves(dx, material)
     for rank, (finding, curve) in enumerate(zip(dx.findings_, curves, strict=True), start=1):
-        caption = (
-            f"{finding.title}: {curve.y_label} against {curve.x_label}, as fitted and as the data ask for."
-        )
+        title = capital(finding.title)
+        caption = f"{title}: {curve.y_label} against {curve.x_label}, as fitted and as the data ask for."
         bins = to_table(
             curve.table,
             "The curve in numbers (medians in bins, 95 % intervals)",
@@ -321,6 +330,7 @@ def _what(dx, material: Material) -> list[dict]:
         found.append(
             {
                 "rank": rank,
+                "title": title,
                 "lookalikes": readable(finding.lookalikes),
                 "finding": finding,
                 "table": finding_table(finding, dx.level),
@@ -349,7 +359,7 @@ def _proof(dx, material: Material, outputs) -> dict | None:
         runs = {word: longest.y[key][:n, column] for word, key in zip((before, after), keys, strict=True)}
         svg = before_and_after(material.time[rows], material.y[rows, column], runs, label, caption)
         figures.append(_figure(svg, caption))
-    return {"figures": figures, "table": score_table(dx)}
+    return {"figures": figures, "table": score_table(dx, outputs)}
 
 
 def _residuals(dx, material: Material, outputs) -> list[dict]:
@@ -381,6 +391,7 @@ def _residuals(dx, material: Material, outputs) -> list[dict]:
                 "verdict": residual_sentence(tests),
                 "figure": _figure(residual_figure(tests.tests, caption), caption),
                 "table": residual_table(tests, label),
+                "correlations": correlation_table(tests),
             }
         )
     return told

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.findings import told
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulator import Run, Simulator
@@ -68,7 +69,7 @@ def gather(dx, X, y, sessions=None) -> Material:
             for piece in session_slices(sessions, len(u))
         ]
     )
-    candidate = _candidate(dx)
+    candidate = told(diagnosis)
     return Material(
         diagnosis.problem.simulator,
         u,
@@ -81,15 +82,6 @@ def gather(dx, X, y, sessions=None) -> Material:
         candidate.effects,
         _held_out(dx, u, measured, sessions),
     )
-
-
-def _candidate(dx):
-    """Return the fitted set of effects that the findings are of: the named one or the unnamed curve."""
-    told = [tuple(finding.parameters.values()) for finding in dx.findings_]
-    for candidate in (dx._diagnosis.best, dx._diagnosis.unnamed):
-        if candidate is not None and [tuple(map(float, e.theta)) for e in candidate.effects] == told:
-            return candidate
-    return dx._diagnosis.best
 
 
 def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:

@@ -14,6 +14,8 @@ DYNAMIC = frozenset(
     {"cross-correlation", "even", "odd", "spread", "output-input"}
 )  # tests that the input takes part in
 
+TENTHS = 10
+
 
 class TableText(NamedTuple):
     """A table ready to print: everything a text."""
@@ -44,8 +46,10 @@ def number(value) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in per cent, three digits."""
-    return f"{100 * share:.3g} %"
+    """Return a share in per cent, three digits; a word where a run left the finite range."""
+    if np.isnan(share):
+        return "-"
+    return f"{100 * share:.3g} %" if np.isfinite(share) else "diverges"
 
 
 def to_table(frame: pd.DataFrame, caption: str, columns: dict[str, str]) -> TableText:
@@ -66,7 +70,7 @@ def _cell(column: str, value) -> str:
 
 def headline(dx) -> str:
     """Return the verdict in one sentence."""
-    names = _listed([f"{finding.title} {finding.place}" for finding in dx.findings_])
+    names = _listed([f"{capital(finding.title)} {finding.place}" for finding in dx.findings_])
     if dx.verdict_ == "explained":
         sentence = f"Missing from the simulation: {names}"
     elif dx.verdict_ == "ambiguous":
@@ -77,7 +81,7 @@ def headline(dx) -> str:
     elif dx.verdict_ == "unknown":
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if names:
-            sentence += f"; what comes nearest is {names}"
+            sentence += f"; what comes nearest: {names}"
     else:
         sentence = VERDICTS[dx.verdict_].rstrip(".")
     return f"{sentence}{_gain(dx)}."
@@ -89,11 +93,21 @@ def _gain(dx) -> str:
     error = dx.scores_["nrmse"]
     if dx.verdict_ == "consistent":
         return f" (held-out error {percent(error['nominal'])} of the recording's spread)"
-    before = "refitted" if dx.findings_ else "nominal"
+    before, after = error["refitted" if dx.findings_ else "nominal"], error["augmented"]
+    if not np.isfinite(after):
+        return "; on data the fit never saw, the free run leaves the finite range"
+    if not np.isfinite(before):
+        return f"; on data the fit never saw, a free run that diverged has an error of {percent(after)} now"
+    so = "" if after < before else " this is no better:"
     return (
-        f"; on data the fit never saw the error goes from {percent(error[before])} to "
-        f"{percent(error['augmented'])} of the recording's spread"
+        f"; on data the fit never saw{so} the error goes from {percent(before)} to {percent(after)} of the "
+        "recording's spread"
     )
+
+
+def capital(text: str) -> str:
+    """Return a text with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
 
 
 def readable(lookalikes: Sequence[str]) -> list[str]:
@@ -130,22 +144,19 @@ def parameter_table(dx) -> TableText:
     return to_table(frame, "Parameters of the simulation", names)
 
 
-def score_table(dx) -> TableText:
-    """Return the held-out errors."""
+def score_table(dx, outputs: Sequence[str]) -> TableText:
+    """Return the held-out errors of ``outputs``, labelled with their units."""
     frame = dx.scores_.reset_index()
     rows = []
     for row in frame.to_dict("records"):
         cells = [WORDS[row["run"]], percent(row["nrmse"])]
-        cells.append(f"{percent(row['nrmse_low'])} to {percent(row['nrmse_high'])}")
+        known = np.isfinite(row["nrmse_high"])
+        cells.append(f"{percent(row['nrmse_low'])} to {percent(row['nrmse_high'])}" if known else "-")
         cells += [number(row[column]) for column in frame if column.startswith("rmse")]
         removed = row.get("removed", np.nan)
         cells.append(percent(removed) if row["run"] == "augmented" and dx.findings_ else "-")
         rows.append(tuple(cells))
-    rmse = [
-        "error (rms)" + c.removeprefix("rmse").replace("_", " of output ")
-        for c in frame
-        if c.startswith("rmse")
-    ]
+    rmse = [f"rms error of {label}" for label in outputs]
     header = ("simulation", "error / spread", f"{percent(dx.level)} interval", *rmse, "error energy removed")
     return TableText(
         "Held-out free run; energy removed is against the refitted simulation", header, tuple(rows)
@@ -159,7 +170,7 @@ def finding_table(finding, level: float) -> TableText:
         for name, value in finding.parameters.items()
     ]
     header = ("parameter", "value", f"{percent(level)} from", "to", "unit")
-    return TableText(f"Parameters of {finding.title}", header, tuple(rows))
+    return TableText(f"Parameters of: {finding.title}", header, tuple(rows))
 
 
 def residual_table(tests: ResidualTests, label: str) -> TableText:
@@ -174,6 +185,38 @@ def residual_table(tests: ResidualTests, label: str) -> TableText:
         for test in tests.tests
     ]
     return TableText(f"Residual tests of {label}", ("signals", "p", "p (Holm)", "result"), tuple(rows))
+
+
+def correlation_table(tests: ResidualTests) -> TableText:
+    """Return the correlations of the residual tests, with their bounds in brackets."""
+    lags = sorted({int(lag) for test in tests.tests for lag in test.lags})
+    columns = [
+        {int(lag): f"{r:.3f} ({bound:.3f})" for lag, r, bound in zip(*_drawn(test), strict=True)}
+        for test in tests.tests
+    ]
+    rows = [(str(lag), *(column.get(lag, "-") for column in columns)) for lag in lags]
+    header = ("lag [samples]", *(test.symbol for test in tests.tests))
+    return TableText("The correlations in numbers (bounds in brackets)", header, tuple(rows))
+
+
+def _drawn(test):
+    return test.lags, test.correlation, np.broadcast_to(test.bound, np.shape(test.lags))
+
+
+def difference_table(time: np.ndarray, residual: np.ndarray, unit: str | None) -> TableText:
+    """Return the size of the difference in tenths of the record."""
+    measure = f" [{unit}]" if unit else ""
+    rows = []
+    for piece in np.array_split(np.arange(time.size), min(TENTHS, time.size)):
+        there = residual[piece][np.isfinite(residual[piece])]
+        sizes = (
+            (number(float(v)) for v in (np.sqrt(np.mean(there**2)), np.abs(there).max()))
+            if there.size
+            else "--"
+        )
+        rows.append((number(float(time[piece[0]])), number(float(time[piece[-1]])), *sizes))
+    header = ("from [s]", "to [s]", f"rms difference{measure}", f"largest{measure}")
+    return TableText("The difference in numbers", header, tuple(rows))
 
 
 def residual_sentence(tests: ResidualTests) -> str:
@@ -208,8 +251,8 @@ def noise_table(dx) -> TableText:
     return TableText("Noise that the test allowed for", header, tuple(rows))
 
 
-def settings_table(dx) -> TableText:
-    """Return what the diagnosis was asked to do, and with what."""
+def settings_table(dx, facts: Sequence[tuple[str, str]] = ()) -> TableText:
+    """Return what the diagnosis was asked to do, and with what, after the ``facts`` at the page's top."""
     import platform
 
     import numba
@@ -233,9 +276,10 @@ def settings_table(dx) -> TableText:
         "scikit-learn": sklearn.__version__,
         "numba": numba.__version__,
     }
-    rows = [(key, number(value) if value is not None else "automatic") for key, value in given.items()]
+    rows = list(facts)
+    rows += [(key, number(value) if value is not None else "automatic") for key, value in given.items()]
     rows += list(versions.items())
-    return TableText("Settings and versions", ("name", "value"), tuple(rows))
+    return TableText("Record, result, settings and versions", ("name", "value"), tuple(rows))
 
 
 def next_steps(dx, experiment=None) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.discrepancy.simulator import Signal
+from narx_sklearn.discrepancy.units import tidy_unit
 
 SAME = 0.999  # correlation above which a rate is a state that is there already
 
@@ -58,7 +59,7 @@ def features(
         columns[_label("distance from the ends of", name, unit)] = np.minimum(values - low, high - values)
         rate = np.concatenate([_rate(piece) for piece in np.split(values, [k for k in first if k > 0])]) / dt
         if not any(_alike(rate, other) for other in kept):
-            columns[_label("rate of", name, f"{unit}/s" if unit else "1/s")] = rate
+            columns[_label("rate of", name, tidy_unit(f"{unit or 1}/s"))] = rate
         change = np.diff(values, prepend=np.nan)
         change[list(first)] = 0.0
         direction = np.where(np.isnan(change), 0.0, np.sign(change))

@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce
 from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.units import tidy_unit
 
 FEWEST_BLOCKS = 20  # stretches whose log likelihoods are compared in pairs
 TIED = 0.05  # a port stays tied with the best until the difference is this improbable
@@ -168,5 +169,5 @@ def _name(simulator: Simulator, port: Port) -> tuple[str, str]:
         port.index
     ]
     if port.kind == "state" and not simulator.discrete:
-        return f"rate of {signal.name}", f"{signal.unit}/s" if signal.unit else "1/s"
+        return f"rate of {signal.name}", tidy_unit(f"{signal.unit or 1}/s")
     return signal.name, signal.unit
