@@ -1,5 +1,6 @@
 """Figures of the analyses: the numbers they hold, that they draw, what they refuse."""
 
+import inspect
 import sys
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 from thesis_models import EXAMPLE_2_9, EXAMPLE_4_1
 
+from narx_sklearn import NARXRegressor, displays
 from narx_sklearn.analysis import hysteresis_loop, quasi_static_sets, static_curve
 from narx_sklearn.displays._hysteresis import HysteresisLoopDisplay
 from narx_sklearn.displays._quasi_static import QuasiStaticDisplay
@@ -42,6 +44,32 @@ def test_a_continuum_is_written_into_the_static_curve(plt):
     assert display.ax_.get_ylabel() == "y (um) at rest"
     assert display.stable_ == []
     display.figure_.canvas.draw()
+
+
+@pytest.mark.parametrize("display", [StaticCurveDisplay, HysteresisLoopDisplay, QuasiStaticDisplay])
+def test_displays_of_a_model_take_the_estimator_that_holds_it(display, plt):
+    u = np.random.default_rng(0).uniform(-1, 1, 200)
+    y = np.zeros(200)
+    for k in range(1, 200):
+        y[k] = 0.5 * y[k - 1] + u[k - 1]
+    narx = NARXRegressor(1, 1, degree=1).fit(u[:, None], y)
+    asked = (LEVELS,) if display is StaticCurveDisplay else (-1.0, 1.0)
+    drawn, expected = display.from_estimator(narx, *asked), display.from_model(narx.model_, *asked)
+    pd.testing.assert_frame_equal(drawn.to_frame(), expected.to_frame())
+    with pytest.raises(TypeError, match="NARXRegressor holds no model_; fit it first"):
+        display.from_estimator(NARXRegressor(), *asked)
+
+
+def test_every_display_is_made_drawn_and_tabulated_in_the_same_way():
+    for name in displays.__all__:
+        display = getattr(displays, name)
+        assert name.endswith("Display")
+        assert any(made.startswith("from_") for made in dir(display)), name
+        assert (
+            "ax" in inspect.signature(display.plot).parameters
+            or "axes" in inspect.signature(display.plot).parameters
+        ), name
+        assert callable(display.to_frame), name
 
 
 def test_loops_are_drawn_inside_their_bounding_structure(plt):

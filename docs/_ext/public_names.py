@@ -50,6 +50,13 @@ def exported(room: str) -> list[str]:
     return [name for name in listed if documented(getattr(module, name))]
 
 
+def constants(room: str) -> list[str]:
+    """Return the values that a room exports beside classes and functions; its version number has no page."""
+    module = importlib.import_module(f"narx_sklearn.{room}" if room else "narx_sklearn")
+    listed = getattr(module, "__all__", ())
+    return [name for name in listed if name[0] != "_" and not documented(getattr(module, name))]
+
+
 def documented(value) -> bool:
     """Tell whether a name is a class or function, which have pages, and not a constant."""
     return inspect.isclass(value) or callable(value)
@@ -64,9 +71,14 @@ def page(room: str) -> str:
     names = "\n".join(f"   {name}" for name in listed)
     module = f".. currentmodule:: {dotted}\n\n" if room else ""
     target = f"   :toctree: ../api/{room}\n" if room else ""
+    module_of = importlib.import_module(dotted)
+    values = "".join(
+        f"\n.. py:data:: {name}\n   :type: {type(getattr(module_of, name)).__name__}\n"
+        for name in constants(room)
+    )
     return (
         f"{dotted}\n{'=' * len(dotted)}\n\n{sentence}\n\n{module}"
-        f".. autosummary::\n{target}   :nosignatures:\n\n{names}\n"
+        f".. autosummary::\n{target}   :nosignatures:\n\n{names}\n{values}"
     )
 
 

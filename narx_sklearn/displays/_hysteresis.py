@@ -6,12 +6,13 @@ import pandas as pd
 from narx_sklearn.analysis._checks import inputs_along, unit_label
 from narx_sklearn.analysis.loops import HysteresisLoop, hysteresis_loop
 from narx_sklearn.analysis.quasistatic import BoundingStructure, bounding_structure
+from narx_sklearn.displays._of_model import ModelDisplay
 from narx_sklearn.displays._style import BLUE, GREY, VERMILION, import_pyplot
 
 N_LEVELS = 101  # levels at which the bounding structure is computed
 
 
-class HysteresisLoopDisplay:
+class HysteresisLoopDisplay(ModelDisplay):
     """Hysteresis loops in the input-output plane, with the equilibria that confine them.
 
     Use :meth:`from_model`; the constructor takes finished results.

@@ -6,6 +6,7 @@ from narx_sklearn.analysis._checks import check_driver, inputs_along, unit_label
 from narx_sklearn.analysis.loops import HysteresisLoop, hysteresis_loop
 from narx_sklearn.analysis.quasistatic import QuasiStaticSets, quasi_static_sets
 from narx_sklearn.displays._hysteresis import draw_direction
+from narx_sklearn.displays._of_model import ModelDisplay
 from narx_sklearn.displays._style import BLUE, VERMILION, import_pyplot
 from narx_sklearn.signals.loading import loading_unloading
 
@@ -15,7 +16,7 @@ COLORS = {1: "black", -1: BLUE}  # attracting sets
 NAMES = {1: "loading", -1: "unloading"}
 
 
-class QuasiStaticDisplay:
+class QuasiStaticDisplay(ModelDisplay):
     """Attracting and repelling sets of loading and unloading, with the loop that forms between them.
 
     Use :meth:`from_model`; the constructor takes finished results.

@@ -4,10 +4,11 @@ import numpy as np
 
 from narx_sklearn.analysis._checks import unit_label
 from narx_sklearn.analysis.static_curve import StaticCurve, static_curve
+from narx_sklearn.displays._of_model import ModelDisplay
 from narx_sklearn.displays._style import BLUE, VERMILION, import_pyplot
 
 
-class StaticCurveDisplay:
+class StaticCurveDisplay(ModelDisplay):
     """Static curve of a model, stable branches full, unstable ones dashed.
 
     Use :meth:`from_model`; the constructor takes a finished result.
