@@ -389,7 +389,7 @@ def test_an_interrupted_diagnosis_leaves_no_file_and_ends_with_130(bench, tmp_pa
         env=ENVIRONMENT,
     ) as work:
         try:
-            wait_for("fit of the simulator's own parameters |", shown)
+            wait_for("fit of the simulator's own parameters |", shown, seconds=60)  # compiles, when run alone
         finally:
             work.send_signal(signal.SIGINT)
         out, _ = work.communicate(timeout=60)
