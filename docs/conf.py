@@ -45,7 +45,7 @@ html_theme_options = {
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
 }
-html_sidebars = {"index": []}
+html_sidebars = {page: [] for page in ("index", "getting_started", "coming_from")}  # nothing lies below them
 html_show_sourcelink = False
 
 
@@ -58,3 +58,7 @@ def skip_member(app, what, name, value, skip, options):
     """Skip scikit-learn's generated ``set_*_request`` methods, and callables stored as a field's default."""
     is_request = name.startswith("set_") and name.endswith("_request")
     return True if is_request or isinstance(value, np.ufunc) else None
+
+
+html_context = {"default_mode": "auto"}  # without it the theme complains in the browser's console
+html_css_files = ["site.css"]
