@@ -926,7 +926,7 @@ class TestStarts:
     def test_a_standstill_of_the_sensor_is_found(self):
         signal = wideband()
         shown = transformed("stuck_sensor", signal, [4.0, 1.5])
-        found, n_tried = CATALOGUE["stuck_sensor"].scan(setting_of(signal, residual=shown - signal))
+        found, n_tried = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         assert n_tried > signal.size
         begin, duration = found[0]
         assert 3.5 < begin < 4.2  # lengths grow by a third
@@ -936,9 +936,17 @@ class TestStarts:
         signal = wideband()
         noise = 0.05 * np.std(signal) * np.random.default_rng(3).standard_normal(signal.size)
         shown = transformed("stuck_sensor", signal, [4.0, 0.2]) + noise
-        begin, duration = CATALOGUE["stuck_sensor"].scan(setting_of(signal, residual=shown - signal))[0][0]
+        begin, duration = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)[0][0]
         assert abs(begin - 4.0) < 0.1
         assert abs(duration - 0.2) < 0.1
+
+    def test_a_rare_clip_is_found_under_noise(self):
+        signal = wideband()
+        level = np.quantile(signal, 0.97)
+        noise = 0.02 * np.std(signal) * np.random.default_rng(5).standard_normal(signal.size)
+        residual = np.minimum(signal, level) - signal + noise
+        found, _ = CATALOGUE["sensor_clip"].scan(setting_of(signal), residual)
+        np.testing.assert_allclose(found[2][1], level, atol=0.05 * np.std(signal))
 
     @pytest.mark.parametrize("offset", [0.0, 40.0])
     def test_steps_under_noise_are_found_by_trying_all(self, offset):
@@ -946,7 +954,7 @@ class TestStarts:
         step = 0.21 * np.std(signal)
         noise = 0.4 * step * np.random.default_rng(4).standard_normal(signal.size)
         residual = step * np.round(signal / step) - signal + noise
-        found, n_tried = CATALOGUE["quantisation"].scan(setting_of(signal, residual=residual))
+        found, n_tried = CATALOGUE["quantisation"].scan(setting_of(signal), residual)
         assert n_tried > 50
         np.testing.assert_allclose(found[0], step, rtol=0.01)
 

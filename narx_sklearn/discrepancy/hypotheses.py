@@ -89,7 +89,7 @@ def _scan(effect: Effect, setting: Setting, placed: PlacedEffect) -> tuple[np.nd
     if effect.scan is None or setting.residual is None:
         return np.empty((0, placed.n_theta)), 0
     with np.errstate(all="ignore"):
-        rows, n_tried = effect.scan(setting)
+        rows, n_tried = effect.scan(setting, setting.residual)
     return rows[np.all(np.isfinite(rows), axis=1)], n_tried
 
 

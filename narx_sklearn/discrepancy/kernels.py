@@ -38,19 +38,9 @@ FORCE = types.float64(*[types.float64] * 6, VECTOR, VECTOR, VECTOR)
 ADDRESSES_KEPT = 256
 
 
-@intrinsic
-def _equation_at(typing_context, address):
-    """Return the function of the signature EQUATION that lies at an address."""
-    return _function_at(types.FunctionType(EQUATION), address)
-
-
-@intrinsic
-def _force_at(typing_context, address):
-    """Return the function of the signature FORCE that lies at an address."""
-    return _function_at(types.FunctionType(FORCE), address)
-
-
 def _function_at(kind, address):
+    """Return the numba code of the function of a kind that lies at an address."""
+
     def generate(context, builder, signature, arguments):
         pointer = builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
         function = cgutils.create_struct_proxy(kind)(context, builder)
@@ -59,6 +49,11 @@ def _function_at(kind, address):
         return function._getvalue()
 
     return kind(address), generate
+
+
+# numba gives a value in the place of the first argument, the typing context
+_equation_at: Any = intrinsic(lambda context, address: _function_at(types.FunctionType(EQUATION), address))
+_force_at: Any = intrinsic(lambda context, address: _function_at(types.FunctionType(FORCE), address))
 
 
 @lru_cache(maxsize=ADDRESSES_KEPT)

@@ -24,9 +24,9 @@ SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 def likeliest(candidates: list[Candidate]) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
-    Where the best holds another as a special case, hardly worse, that one is enough. Else natural is an effect
-    made for the unit of its argument (gravity for an angle), if the data tell its parameters apart (gravity
-    at one angle is a constant load), then fewer parameters.
+    Where the best holds another as a special case, hardly worse, that one is enough. Else natural is an
+    effect made for the unit of its argument (gravity for an angle), if the data tell its parameters apart
+    (gravity at one angle is a constant load), then fewer parameters.
     """
     best = min(candidates, key=lambda c: c.criterion)
     simpler = [

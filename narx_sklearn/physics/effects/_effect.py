@@ -103,8 +103,8 @@ class Effect:
     narx_terms : str
         Which polynomial terms do it in a NARX model, where no phi regressor is needed.
     scan : callable, optional
-        ``scan(setting) -> (ndarray (n, n_parameters), n_tried)``: the parameter values that explain the
-        residual best, of very many tried on it; for shapes that a few starts cannot hit.
+        ``scan(setting, residual) -> (ndarray (n, n_parameters), n_tried)``: the parameter values that explain
+        the residual best, of very many tried on it; for shapes that a few starts cannot hit.
     argument_units : tuple of str
         Units one of which the argument must have where its unit is known (an angle); empty for any.
 

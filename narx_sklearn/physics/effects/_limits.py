@@ -45,9 +45,9 @@ def _clip_starts(setting: Setting) -> np.ndarray:
     return telling(setting, _levels(setting), _clip_transform)
 
 
-def _clip_scan(setting: Setting) -> tuple[np.ndarray, int]:
+def _clip_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
     """Clip the simulated signal at every level, from above and from below."""
-    signal, residual = setting.argument, setting.residual
+    signal = setting.argument
     lowest, middle, highest = quantiles(signal, [0.0, 0.5, 1.0])
     if not np.all(np.isfinite(residual)) or not highest > lowest:
         return np.empty((0, 2)), 0

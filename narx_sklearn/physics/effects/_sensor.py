@@ -31,10 +31,10 @@ def _quantisation_starts(setting: Setting) -> np.ndarray:
     return telling(setting, grid([*_step_of(_measured(setting)), *shares]), _quantisation_transform)
 
 
-def _quantisation_scan(setting: Setting) -> tuple[np.ndarray, int]:
+def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
     """Try steps so close to one another that none of the signal's levels is missed by more than a quarter."""
     every = max(1, setting.argument.size // SAMPLES_TRIED)
-    signal, residual = setting.argument[::every], setting.residual[::every]
+    signal, residual = setting.argument[::every], residual[::every]
     size, reach = spread(signal), float(np.max(np.abs(signal), initial=0.0))
     if size == 0 or not np.all(np.isfinite(residual)):
         return np.empty((0, 1)), 0
@@ -83,16 +83,16 @@ def _stuck_starts(setting: Setting) -> np.ndarray:
     return telling(setting, grid(np.array([0.2, 0.45, 0.7]) * length, [0.1 * length]), _stuck_transform)
 
 
-def _stuck_scan(setting: Setting) -> tuple[np.ndarray, int]:
+def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
     """Hold the simulated value from every sample on, for lengths that grow by a third."""
-    simulated, measured = setting.argument, _measured(setting)
+    simulated, measured = setting.argument, setting.argument + residual
     n = measured.size
     if n < 4 * SHORTEST_HOLD or not np.all(np.isfinite(measured)):
         return np.empty((0, 2)), 0
     level = measured.mean()  # about it, so that the squares do not cancel
     missed, first, second = (
         np.cumsum(np.append(0.0, values))
-        for values in (setting.residual**2, measured - level, (measured - level) ** 2)
+        for values in (residual**2, measured - level, (measured - level) ** 2)
     )
     found, tried = [], 0
     size = SHORTEST_HOLD
