@@ -37,6 +37,7 @@ LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
 FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
+FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 FORM = 0.05  # share of what an effect explains that its idealised form may leave
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
@@ -117,29 +118,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     problem = problem.with_noise(Noise.white(_left_over(problem, refitted.residual)))
     refitted = fit(problem, refitted.model, iterations=2)
-    settings.tell("colour of the noise")
-    bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
-    leading = _leading(problem, refitted, bank, settings)
-    dominated = leading is not None and leading.fit.cost < MOSTLY * refitted.cost
-    if leading is not None and dominated:
-        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
-        residual = problem.left_over(leading.fit.model)
-    else:
-        residual, _ = flexible_residual(bank, problem.n_seen)
-        residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
-    problem = problem.with_noise(estimate_noise(residual, problem.seen))
-    refitted = fit(problem, refitted.model)
-    settings.tell("search for missing physics")
-    steps = _searched(problem, refitted, structure, settings, dominated)
-    found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
-    leading = min(found, key=lambda c: c.criterion, default=None)
-    if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
-        # so much of the residual was structure that the noise could not be seen under it: look again
-        settings.tell("search again, under the noise that the first effect leaves")
-        problem = problem.with_noise(estimate_noise(problem.left_over(leading.fit.model), problem.seen))
-        refitted = fit(problem, refitted.model)
-        steps = _searched(problem, refitted, structure, settings, True)
-    p_missing = steps[0].detection.p_value
+    steps: list[Step] = []
+    if np.any(_left_over(problem, refitted.residual) > FINEST * spread):
+        problem, refitted, steps = _coloured_search(problem, refitted, structure, settings)
+    p_missing = steps[0].detection.p_value if steps else 1.0
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
     nominal = fit_initial_states(problem, refitted.model.x0)
     p_moved = parameters_moved(problem, nominal, settings.random_state)
@@ -171,6 +153,35 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         unnamed,
         pace.time_constant,
     )
+
+
+def _coloured_search(
+    problem: Problem, refitted: Fit, structure: Structure, settings: Settings
+) -> tuple[Problem, Fit, list[Step]]:
+    """Return the problem under noise of its own colour, its fit, and the steps of the search."""
+    settings.tell("colour of the noise")
+    bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
+    leading = _leading(problem, refitted, bank, settings)
+    dominated = leading is not None and leading.fit.cost < MOSTLY * refitted.cost
+    if leading is not None and dominated:
+        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
+        residual = problem.left_over(leading.fit.model)
+    else:
+        residual, _ = flexible_residual(bank, problem.n_seen)
+        residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
+    problem = problem.with_noise(estimate_noise(residual, problem.seen))
+    refitted = fit(problem, refitted.model)
+    settings.tell("search for missing physics")
+    steps = _searched(problem, refitted, structure, settings, dominated)
+    found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
+    leading = min(found, key=lambda c: c.criterion, default=None)
+    if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
+        # so much of the residual was structure that the noise could not be seen under it: look again
+        settings.tell("search again, under the noise that the first effect leaves")
+        problem = problem.with_noise(estimate_noise(problem.left_over(leading.fit.model), problem.seen))
+        refitted = fit(problem, refitted.model)
+        steps = _searched(problem, refitted, structure, settings, True)
+    return problem, refitted, steps
 
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> Candidate | None:
