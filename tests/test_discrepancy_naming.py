@@ -1,11 +1,13 @@
 """What a diagnosis decides between: effect or coloured noise, one effect or its look-alike, named or not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
-from narx_sklearn.discrepancy.diagnosis import _lengthened
+from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
 from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import placements
@@ -244,3 +246,30 @@ class TestUnnamedForces:
             code = hypothesis.placed.effect.code
             costs[code] = min(found.cost, costs.get(code, np.inf))
         assert costs[SURFACE] < 1.1 * problem.n_seen < 0.5 * min(v for k, v in costs.items() if k != SURFACE)
+
+
+class TestOddPlaces:
+    def test_a_name_from_elsewhere_says_no_more_than_a_curve_that_fits_as_well(self):
+        problem, start = axis_problem([friction(0.4)])
+        base = fit(problem, start)
+        best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
+        curve = Candidate(best.fit, problem.n_seen)
+        elsewhere = Candidate(
+            best.fit._replace(model=best.fit.model._replace(effects=(replace(best.effects[0], odd=True),))),
+            problem.n_seen,
+        )
+        nothing_left = (1.0, 0.0)
+        assert _decide(base, best, (), curve, nothing_left, 0.005) == "explained"
+        assert _decide(base, elsewhere, (), curve, nothing_left, 0.005) == "unknown"
+        assert _decide(base, elsewhere, (), None, nothing_left, 0.005) == "explained"
+
+
+class TestExactSimulations:
+    @pytest.mark.parametrize(("damping", "verdict"), [(0.5, "consistent"), (0.7, "refit")])
+    def test_a_residual_of_rounding_is_nothing_missing(self, damping, verdict):
+        u = levels(np.random.default_rng(0), 800)
+        y = make_axis(damping=damping).simulate(u)
+        found = DiscrepancyRegressor(make_axis()).fit(u, y)
+        assert found.verdict_ == verdict
+        assert not found.findings_
+        assert found.p_value_ == 1.0

@@ -10,10 +10,12 @@ from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
+    ODD,
     Candidate,
     Step,
     gains,
     leaders,
+    odd,
     probe,
     refit_leaders,
     search,
@@ -116,15 +118,17 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if settings.window is None and not pace.forgets:
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
-    problem = problem.with_noise(Noise.white(_left_over(problem, refitted.residual)))
+    rounding = FINEST * spread
+    problem = problem.with_noise(Noise.white(np.maximum(_left_over(problem, refitted.residual), rounding)))
     refitted = fit(problem, refitted.model, iterations=2)
     steps: list[Step] = []
-    if np.any(_left_over(problem, refitted.residual) > FINEST * spread):
+    if np.any(_left_over(problem, refitted.residual) > rounding):
         problem, refitted, steps = _coloured_search(problem, refitted, structure, settings)
     p_missing = steps[0].detection.p_value if steps else 1.0
     pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
     nominal = fit_initial_states(problem, refitted.model.x0)
-    p_moved = parameters_moved(problem, nominal, settings.random_state)
+    is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
+    p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
     verdict = "refit" if p_moved <= settings.alpha else "consistent"
     best = Candidate(refitted, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ()
@@ -329,6 +333,8 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
     share = UNEXPLAINED_BY_TWO if several else UNEXPLAINED
     if p_left <= (SUSPECT if several else alpha) and rest > share * (taken_off + rest):
         return "unknown"
+    if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
+        return "unknown"  # a name from elsewhere says no more than the curve does
     if unnamed is not None and unnamed.criterion < best.criterion:
         more = best.fit.cost - unnamed.fit.cost
         if more > share * (refitted.cost - unnamed.fit.cost):

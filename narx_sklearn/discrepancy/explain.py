@@ -75,6 +75,11 @@ class Candidate:
         return n * np.log(max(self.fit.cost, 1e-300) / n) + price
 
 
+def odd(candidate: Candidate) -> bool:
+    """Tell whether an effect of a set is met elsewhere, not at such a place."""
+    return any(effect.odd for effect in candidate.effects)
+
+
 class Step(NamedTuple):
     """One depth of the search: the test before it, and the candidates that came of it, best first."""
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.explain import Candidate, odd
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_short
@@ -60,7 +60,7 @@ def told(diagnosis: Diagnosis) -> Candidate:
     """Return the fitted set of effects that the findings tell of: the named one or, if better, a curve."""
     best = diagnosis.best
     if best.effects and diagnosis.verdict == "unknown" and diagnosis.unnamed is not None:
-        return min((best, diagnosis.unnamed), key=lambda c: c.criterion)
+        return diagnosis.unnamed if odd(best) else min((best, diagnosis.unnamed), key=lambda c: c.criterion)
     return best
 
 
