@@ -77,33 +77,6 @@ def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
 
-@njit(nogil=True, inline="always")
-def _force(
-    e,
-    force_0,
-    force_1,
-    force_2,
-    force_3,
-    argument,
-    rate,
-    own,
-    other,
-    time,
-    step,
-    z,
-    theta,
-    dz,
-):
-    """Return the force of effect e: one name each, for an array of functions is experimental in numba."""
-    if e == 0:
-        return force_0(argument, rate, own, other, time, step, z, theta, dz)
-    if e == 1:
-        return force_1(argument, rate, own, other, time, step, z, theta, dz)
-    if e == 2:
-        return force_2(argument, rate, own, other, time, step, z, theta, dz)
-    return force_3(argument, rate, own, other, time, step, z, theta, dz)
-
-
 @njit(nogil=True, cache=True)
 def _simulate_windows(
     equation_address,
@@ -145,10 +118,6 @@ def _simulate_windows(
     """
     equation = _equation_at(equation_address)
     output = _equation_at(output_address)
-    force_0 = _force_at(force_addresses[0])
-    force_1 = _force_at(force_addresses[1])
-    force_2 = _force_at(force_addresses[2])
-    force_3 = _force_at(force_addresses[3])
     n_states = x0.shape[1]
     n_inputs = u.shape[1]
     n_outputs = y_out.shape[1]
@@ -226,21 +195,9 @@ def _simulate_windows(
                         other = now[second[e]] if second[e] >= 0 else 0.0
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
-                        force = _force(
-                            e,
-                            force_0,
-                            force_1,
-                            force_2,
-                            force_3,
-                            argument,
-                            rate,
-                            own,
-                            other,
-                            time,
-                            force_step * (AT_ONCE if after[e] else 1.0),
-                            z_stage[e],
-                            theta[e],
-                            dz[r, e],
+                        within = force_step * (AT_ONCE if after[e] else 1.0)
+                        force = _force_at(force_addresses[e])(
+                            argument, rate, own, other, time, within, z_stage[e], theta[e], dz[r, e]
                         )
                         force *= strength[e]
                         slope[r, port[e]] += force
@@ -263,26 +220,10 @@ def _simulate_windows(
                     other = now[second[e]] if second[e] >= 0 else 0.0
                     own = (x[port[e]] - before[port[e]]) / force_step
                     time = (k - began[w]) * dt + s * h
-                    force = (
-                        force_step
-                        * strength[e]
-                        * _force(
-                            e,
-                            force_0,
-                            force_1,
-                            force_2,
-                            force_3,
-                            argument,
-                            rate,
-                            own,
-                            other,
-                            time,
-                            force_step,
-                            z_stage[e],
-                            theta[e],
-                            dz[0, e],
-                        )
+                    force = _force_at(force_addresses[e])(
+                        argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[0, e]
                     )
+                    force *= strength[e] * force_step
                     x[port[e]] += force
                     if onward[e] >= 0:
                         x[onward[e]] -= theta[e, SPILL] * force
