@@ -248,6 +248,13 @@ class TestUnnamedForces:
         assert costs[SURFACE] < 1.1 * problem.n_seen < 0.5 * min(v for k, v in costs.items() if k != SURFACE)
 
 
+def test_an_effect_may_name_look_alikes_that_nobody_registered():
+    problem, _ = axis_problem([friction(0.4)], n=600)
+    own = replace(CATALOGUE["coulomb_friction"], lookalikes=("rubbing_seal",))
+    found = DiscrepancyRegressor(make_axis(), effects=[own]).fit(problem.u, problem.y)
+    assert [finding.effect for finding in found.findings_] == ["coulomb_friction"]
+
+
 class TestOddPlaces:
     def test_a_name_from_elsewhere_says_no_more_than_a_curve_that_fits_as_well(self):
         problem, start = axis_problem([friction(0.4)])

@@ -13,7 +13,6 @@ from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.physics.effects import CATALOGUE
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
@@ -113,11 +112,12 @@ def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
 def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
     """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength."""
     gain, strength = gains(bank)
+    scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
     best: dict[int, list[int]] = {}
     for j in np.argsort(-gain, kind="stable"):
         if gain[j] <= 0:
             break
-        if _speaking_for(bank.placed(j), detection) > alpha:
+        if _speaking_for(bank.placed(j), detection, scanned) > alpha:
             continue  # the test that speaks for this kind of effect was silent
         best.setdefault(int(bank.owner[j]), []).append(int(j))
     found = []
@@ -132,12 +132,13 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     return found
 
 
-def _speaking_for(placed: PlacedEffect, detection: Detection) -> float:
+def _speaking_for(placed: PlacedEffect, detection: Detection, scanned: set[str]) -> float:
     """Return the p-value of the test that can see such an effect, or what looks like it."""
     if placed.effect.code in LINES:
         return detection.p_line
-    scanned = placed.effect.scan or any(CATALOGUE[code].scan for code in placed.effect.lookalikes)
-    return min(detection.p_bank, detection.p_scan) if scanned else detection.p_bank
+    if scanned & {placed.effect.code, *placed.effect.lookalikes}:
+        return min(detection.p_bank, detection.p_scan)
+    return detection.p_bank
 
 
 def refit_leaders(
