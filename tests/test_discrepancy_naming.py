@@ -169,6 +169,38 @@ class TestPlaces:
             placed = placements(CATALOGUE["coulomb_friction"], simulator, self.structure_of(simulator))
             assert [p.odd for p in placed] == [odd]
 
+    def test_friction_may_grow_with_whatever_drives_the_motion(self):
+        def drive(x, u, p):
+            twist = p[1] * (x[0] - x[2]) + p[2] * (x[1] - x[3])
+            return x[1], p[0] * u[0] - twist, x[3], twist
+
+        simulator = ODESimulator(
+            drive,
+            dt=0.01,
+            parameters={"gain": 1.0, "shaft": 30.0, "damping": 0.5},
+            states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
+            inputs=["torque [N m]"],
+        )
+        placed = placements(CATALOGUE["load_friction"], simulator, self.structure_of(simulator))
+        drives = {(p.port.index, p.second, p.second_name, p.second_unit) for p in placed}
+        assert drives == {
+            (1, (), "", ""),
+            (1, (1.0, 0.0, 0.0, 0.0, 0.0), "torque", "N m"),
+            (1, (0.0, 1.0, 0.0, -1.0, 0.0), "motor - load", "rad"),
+            (3, (), "", ""),
+            (3, (0.0, -1.0, 0.0, 1.0, 0.0), "load - motor", "rad"),
+        }
+
+        u = 5 * levels(np.random.default_rng(1), 800)
+        rubbing = next(p for p in placed if p.second_name == "motor - load").at([2.0])
+        y = simulator.with_effects([rubbing]).simulate(u)
+        found = DiscrepancyRegressor(simulator, max_effects=1, random_state=0).fit(
+            u, y + 1e-3 * np.std(y) * np.random.default_rng(2).standard_normal(y.shape)
+        )
+        assert found.findings_[0].effect == "load_friction"
+        assert found.simulator_.effects[0].second_name in ("motor - load", "load - motor")
+        assert " [rad/s], and " in found.findings_[0].argument
+
 
 class TestLookAlikes:
     def candidates(self, size, seed=0):

@@ -177,7 +177,7 @@ class TestEntries:
     @pytest.mark.parametrize("effect", ALL, ids=by_code)
     def test_starting_values_are_few_finite_and_physical(self, effect, ordinary, level):
         starts = starts_of(effect, ordinary, level)
-        assert 1 <= len(starts) <= 8
+        assert 1 <= len(starts) <= (18 if effect.code == "valve_stiction" else 8)
         assert starts.shape[1] == len(effect.parameters)
         for parameter, column in zip(effect.parameters, starts.T, strict=True):
             assert np.all(np.isfinite(column))
@@ -276,7 +276,8 @@ class TestForces:
                 {"argument": 0.0, "own": 2.9},
                 -2.9,
             ),  # breakaway at 3
-            ("load_friction", [0.1], {"argument": 1.0, "own": -5.0}, -0.5),
+            ("load_friction", [0.1], {"second": np.nan, "argument": 1.0, "own": -5.0}, -0.5),
+            ("load_friction", [0.1], {"second": -3.0, "argument": -1.0, "own": -5.0}, 0.3),
             ("clearance", [10.0, 0.2, 0.1], {"argument": 0.5}, -2.0),
             ("clearance", [10.0, 0.2, 0.1], {"argument": -0.3}, 2.0),
             ("clearance", [10.0, 0.2, 0.1], {"argument": 0.25}, 0.0),
@@ -311,7 +312,7 @@ class TestForces:
             ("backlash", [4.0, 0.1, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
             ("backlash", [4.0, 0.1, 0.5], {"argument": 1.0}, 0.0),  # begins centred
             ("bouc_wen_hysteresis", [4.0, 1.0, 0.75, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
-            ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
+            ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0, 0.0], {"argument": 0.5, "z": [0.25] * 4}, -1.0),
             ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2]}, 0.3),
             ("prandtl_ishlinskii", [3.0, 1.0, 0.0], {"argument": 0.4}, 0.0),
@@ -392,7 +393,7 @@ def placed_on_mass(effect, theta, kind="state"):
     weights = (
         ((1.0, 0.0) if effect.argument in ("position", "any") else (0.0, 1.0)) if kind == "state" else ()
     )
-    second = {"input": 0, "channel": 1}.get(effect.second, -1)
+    second = {"input": (1.0, 0.0, 0.0, 0.0), "channel": (0.0, 1.0, 0.0, 0.0)}.get(effect.second, ())
     return PlacedEffect(effect, Port(kind, 1 if kind == "state" else 0), weights, second, theta=tuple(theta))
 
 
@@ -452,14 +453,14 @@ class TestRuns:
 
     @pytest.mark.parametrize("d", [1e-12, 1e-4, 1e-2])
     def test_presliding_friction_never_stiffens_the_run(self, oscillator, d):
-        effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01])
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01, 0.5])
         u = np.column_stack([20 * wideband(), np.zeros(1200)])
         y = oscillator.with_effects([effect]).simulate(u)[:, 0]
         assert np.max(np.abs(y)) < np.max(np.abs(oscillator.simulate(u)))
 
     def test_presliding_friction_is_a_spring_before_breakaway(self, oscillator):
         friction, d = 3.0, 0.01
-        effect = placed_on_mass(CATALOGUE["presliding_friction"], [friction, d, 1.0, 0.1, 0.05])
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [friction, d, 1.0, 0.1, 0.05, 0.0])
         u = np.column_stack([np.full(3000, 0.03), np.zeros(3000)])
         y = oscillator.with_effects([effect]).simulate(u)[-1, 0]
         np.testing.assert_allclose(
@@ -547,7 +548,7 @@ class TestTransforms:
             ("backlash", [1.0, 0.0, 0.5]),
             ("dead_zone", [0.0, 0.0, 0.0]),
             ("dead_zone", [0.0, 0.5, 0.2]),
-            ("valve_stiction", [0.0, 0.5]),
+            ("valve_stiction", [0.0, 0.5, 0.0]),
             ("input_saturation", [-1e9, 1e9, 0.0]),
             ("input_saturation", [-1e9, 1e9, 3.0]),
             ("sensor_clip", [-1e9, 1e9]),
@@ -578,7 +579,7 @@ class TestTransforms:
         ("code", "theta"),
         [
             ("backlash", [1.0, 0.3, 0.0]),
-            ("valve_stiction", [0.6, 0.5]),
+            ("valve_stiction", [0.6, 0.5, 0.5]),
             ("rate_limit", [0.5]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 0.75, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0]),
@@ -665,13 +666,19 @@ class TestTransforms:
     def test_a_sticking_valve_holds_then_jumps(self):
         """S = 1, J = 0.4: the stem leaves at 0.7 from relaxed, then trails by 0.3; a reversal takes S."""
         command = [0.0, 0.4, 0.6, 0.8, 1.0, 0.4, 0.1, -0.1]
-        stem = transformed("valve_stiction", command, [1.0, 0.4])
+        stem = transformed("valve_stiction", command, [1.0, 0.4, 0.0])
         np.testing.assert_allclose(stem, [0.0, 0.0, 0.0, 0.5, 0.7, 0.7, 0.7, 0.2], atol=1e-12)
+
+    def test_a_valve_may_stick_again_after_every_jump(self):
+        """The stem leaves at 0.7, trails by 0.3, and goes on when the command is 0.7 ahead again."""
+        command = [0.0, 0.6, 0.8, 1.0, 1.15, 1.25, 0.9, 0.2]
+        stem = transformed("valve_stiction", command, [1.0, 0.4, 1.0])
+        np.testing.assert_allclose(stem, [0.0, 0.0, 0.5, 0.5, 0.5, 0.95, 0.95, 0.5], atol=1e-12)
 
     def test_a_valve_without_jump_is_a_play(self):
         signal = wideband()
         np.testing.assert_allclose(
-            transformed("valve_stiction", signal, [0.6, 0.0]),
+            transformed("valve_stiction", signal, [0.6, 0.0, 0.0]),
             transformed("backlash", signal, [1.0, 0.3, 0.0]),
             atol=1e-12,
         )
@@ -712,7 +719,7 @@ class TestTransforms:
             (_weighted_plays_run, (1.0, 0.5)),
             (_creep_run, (DT, 0.5)),
             (_plays_run, (0.3, 0.5)),
-            (_stiction_run, (0.5, 0.2)),
+            (_stiction_run, (0.5, 0.2, 0.5)),
             (_rate_limit_run, (0.05,)),
             (_lag_run, (0.9, 0.05)),
             (_mode_run, _mode_matrices(10.0, 0.1, DT)),
@@ -949,14 +956,21 @@ class TestStarts:
         np.testing.assert_allclose(found[2][1], level, atol=0.05 * np.std(signal))
 
     @pytest.mark.parametrize("offset", [0.0, 40.0])
-    def test_steps_under_noise_are_found_by_trying_all(self, offset):
+    @pytest.mark.parametrize("step", [0.21, 0.013])
+    def test_steps_under_noise_are_found_by_trying_all(self, offset, step):
         signal = wideband() + offset
-        step = 0.21 * np.std(signal)
+        step = step * np.std(signal)
         noise = 0.4 * step * np.random.default_rng(4).standard_normal(signal.size)
         residual = step * np.round(signal / step) - signal + noise
         found, n_tried = CATALOGUE["quantisation"].scan(setting_of(signal), residual)
         assert n_tried > 50
         np.testing.assert_allclose(found[0], step, rtol=0.01)
+
+    def test_a_limit_that_acts_within_one_sample_is_among_the_starts(self):
+        signal = wideband()
+        fastest = np.abs(np.diff(signal)).max() / DT
+        limits = CATALOGUE["rate_limit"].starts(setting_of(signal))[:, 0]
+        assert limits.min() < fastest < limits.max()
 
 
 def a_magnet(argument, rate, own, second, time, step, z, theta, dz):

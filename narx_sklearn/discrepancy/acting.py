@@ -40,12 +40,13 @@ def state_forces(
         change = (slope - x) / simulator.dt if simulator.discrete else slope.copy()
         for e, (_, placed) in enumerate(acting):
             weights, port = np.array(placed.weights), placed.port.index
+            second = placed.second_of(now[None], x[None])
             arguments[e, at] = weights @ x
             values[e, at] = functions[e](
                 arguments[e, at],
                 weights @ change,
                 slope[port] - (x[port] if simulator.discrete else 0.0),
-                now[placed.second] if placed.second >= 0 else 0.0,
+                np.nan if second is None else second[0],
                 (k - began) * simulator.dt,
                 step,
                 run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
@@ -63,7 +64,7 @@ def signal_change(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the signal at an input or output port and what the effect adds to it."""
     signal = signals[rows, placed.port.index]
-    second = u[rows, placed.second] if placed.second >= 0 else None
+    second = placed.second_of(u[rows])
     begin = np.searchsorted(rows, windows.first[windows.fresh])
     return signal, placed.effect.transform(signal, second, dt, np.array(placed.theta), begin) - signal
 

@@ -35,7 +35,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
                 equation=placed.effect.equation,
                 port=str(placed.port),
                 place=place_in_words(placed, simulator),
-                argument=_with_unit(placed.argument_name, placed.argument_unit),
+                argument=_depends_on(placed),
                 parameters=dict(zip(names, (float(v) for v in placed.theta), strict=True)),
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
@@ -93,8 +93,8 @@ def parameter_names(placed: PlacedEffect) -> list[str]:
 def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     """Return the units of the effect's parameters, with the port's and the argument's units put in."""
     port = correction_unit(placed, simulator)
-    second = simulator.inputs[placed.second].unit if placed.second >= 0 else ""
-    fill = {"port": port, "arg": placed.argument_unit or "-", "second": second or "-"}
+    second = placed.second_unit or "-" if placed.second else port
+    fill = {"port": port, "arg": placed.argument_unit or "-", "second": second}
     units = [tidy_unit(p.unit.format(**fill)) for p in placed.effect.parameters]
     return units + ["-"] * (placed.onward >= 0)
 
@@ -109,6 +109,14 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
         return words
     signal = (simulator.inputs if kind == "input" else simulator.outputs)[index]
     return f"on the {kind} {signal.name}"
+
+
+def _depends_on(placed: PlacedEffect) -> str:
+    """Return the argument with its unit, and the second one where it has a name."""
+    argument = _with_unit(placed.argument_name, placed.argument_unit)
+    return (
+        f"{argument}, and {_with_unit(placed.second_name, placed.second_unit)}" if placed.second else argument
+    )
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -1,6 +1,7 @@
 """Every effect at every place where it could act: the bank of hypotheses."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Run, Simulator
+from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
 
@@ -95,58 +96,36 @@ def _scan(effect: Effect, setting: Setting, placed: PlacedEffect) -> tuple[np.nd
 
 def placements(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
     """Return the places at which an effect could act on a simulator."""
-    seconds = _seconds(effect, simulator, structure)
-    found = []
+    places = []
     if "input" in effect.ports:
         for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-            signal = simulator.inputs[i]
-            for second in seconds:
-                if second != i:
-                    found.append(
-                        PlacedEffect(
-                            effect,
-                            Port("input", int(i)),
-                            (),
-                            second,
-                            argument_name=signal.name,
-                            argument_unit=signal.unit,
-                        )
-                    )
+            places.append(_at_signal(effect, Port("input", i), simulator.inputs[i]))
     if "output" in effect.ports:
         for i, signal in enumerate(simulator.outputs):
-            for second in seconds:
-                found.append(
-                    PlacedEffect(
-                        effect,
-                        Port("output", i),
-                        (),
-                        second,
-                        argument_name=signal.name,
-                        argument_unit=signal.unit,
-                    )
-                )
+            places.append(_at_signal(effect, Port("output", i), signal))
     if "state" in effect.ports:
         for i in np.flatnonzero(~structure.kinematic).tolist():
             if effect.code in LEVELS_ONLY and structure.partner[i] >= 0:
                 continue
-            for weights, name, unit in _arguments(effect.argument, int(i), simulator, structure):
+            odd = _is_odd(effect, i, simulator, structure)
+            for weights, name, unit in _arguments(effect.argument, i, simulator, structure):
                 if unit and effect.argument_units and unit not in effect.argument_units:
                     continue
-                for second in seconds:
-                    for onward in _onward(effect, int(i), structure):
-                        found.append(
-                            PlacedEffect(
-                                effect,
-                                Port("state", int(i)),
-                                weights,
-                                second,
-                                onward,
-                                argument_name=name,
-                                argument_unit=unit,
-                                odd=_is_odd(effect, int(i), simulator, structure),
-                            )
-                        )
-    return found
+                places.append(
+                    PlacedEffect(
+                        effect, Port("state", i), weights, argument_name=name, argument_unit=unit, odd=odd
+                    )
+                )
+    return [
+        replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
+        for placed in places
+        for weights, name, unit in _seconds(placed, simulator, structure)
+        for onward in _onward(placed, structure)
+    ]
+
+
+def _at_signal(effect: Effect, port: Port, signal: Signal) -> PlacedEffect:
+    return PlacedEffect(effect, port, argument_name=signal.name, argument_unit=signal.unit)
 
 
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
@@ -160,18 +139,47 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     return effect.code in ("backlash", "additive_drift") or (effect.code in OF_MOTION and not moves)
 
 
-def _seconds(effect: Effect, simulator: Simulator, structure: Structure) -> list[int]:
-    if effect.second is None:
-        return [-1]
-    channels = set(structure.channels.tolist())
-    if effect.second == "channel":
-        return sorted(channels)
-    return [j for j in range(len(simulator.inputs)) if j not in channels]
+def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
+    """Yield (weights, name, unit) of the second arguments that an effect may have at its place."""
+    kind, i = placed.effect.second, placed.port.index
+    n_inputs, n_states = len(simulator.inputs), len(simulator.states)
+    channels = structure.channels.tolist()
+    columns = {
+        None: [],
+        "channel": channels,
+        "input": [j for j in range(n_inputs) if j not in channels],
+        "drive": np.flatnonzero(structure.inputs[i]).tolist() if kind == "drive" else [],
+    }[kind]
+    if kind in (None, "drive"):
+        yield (), "", ""
+    for j in columns:
+        if placed.port != Port("input", j):
+            yield _weights(n_inputs + n_states, {j: 1.0}), *simulator.inputs[j]
+    if kind == "drive":
+        for weights, name, unit in _neighbours(i, simulator, structure):
+            yield (*[0.0] * n_inputs, *weights), name, unit
 
 
-def _onward(effect: Effect, i: int, structure: Structure) -> list[int]:
-    if not effect.onward:
+def _neighbours(i: int, simulator: Simulator, structure: Structure):
+    """Yield (weights, name, unit) of the states that push equation ``i`` from outside.
+
+    That is the stretch towards a neighbour, and every state that is no matter of motion relative to one.
+    """
+    own = {i, structure.partner[i]}
+    opposed = {state: _opposed(i, state, simulator, structure) for state in own if state >= 0}
+    if structure.partner[i] >= 0:
+        for j in opposed[structure.partner[i]]:
+            yield _stretch(structure.partner[i], j, simulator)
+    taken = own.union(*opposed.values())
+    for j in np.flatnonzero(structure.states[i]).tolist():
+        if j not in taken:
+            yield _weights(len(simulator.states), {j: 1.0}), *simulator.states[j]
+
+
+def _onward(placed: PlacedEffect, structure: Structure) -> list[int]:
+    if not placed.effect.onward or placed.port.kind != "state":
         return [-1]
+    i = placed.port.index
     fed = [j for j in range(structure.kinematic.size) if j != i and structure.states[j, i]]
     return [-1, *(j for j in fed if not structure.kinematic[j])]
 
@@ -190,16 +198,28 @@ def _arguments(kind: str, i: int, simulator: Simulator, structure: Structure):
         return
     own = i if kind == "own" or partner < 0 else partner
     yield _weights(n, {own: 1.0}), *simulator.states[own]
-    for j in range(n):
-        # motion relative to a neighbour that this equation feels in the opposite sense
-        if j == own or structure.kinematic[j] != structure.kinematic[own]:
-            continue
-        felt = structure.states[i, j] and structure.states[i, own]
-        opposed = felt and structure.sign[i, j] == -structure.sign[i, own]
-        of_a_kind = simulator.states[j].unit == simulator.states[own].unit and not simulator.discrete
-        if opposed and of_a_kind:
-            name = f"{simulator.states[own].name} - {simulator.states[j].name}"
-            yield _weights(n, {own: 1.0, j: -1.0}), name, simulator.states[own].unit
+    for j in _opposed(i, own, simulator, structure):
+        yield _stretch(own, j, simulator)
+
+
+def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> list[int]:
+    """Return the states that equation ``i`` feels in the opposite sense of one of its own: neighbours."""
+    if simulator.discrete or not structure.states[i, own]:
+        return []
+    return [
+        j
+        for j in np.flatnonzero(structure.states[i]).tolist()
+        if j != own
+        and structure.kinematic[j] == structure.kinematic[own]
+        and structure.sign[i, j] == -structure.sign[i, own]
+        and simulator.states[j].unit == simulator.states[own].unit
+    ]
+
+
+def _stretch(own: int, j: int, simulator: Simulator) -> tuple[tuple[float, ...], str, str]:
+    """Return (weights, name, unit) of how far a state is ahead of a neighbour's."""
+    name = f"{simulator.states[own].name} - {simulator.states[j].name}"
+    return _weights(len(simulator.states), {own: 1.0, j: -1.0}), name, simulator.states[own].unit
 
 
 def _weights(n: int, entries: dict) -> tuple[float, ...]:
@@ -226,14 +246,15 @@ class _Material:
     def setting(self, placed: PlacedEffect) -> Setting:
         """Return what the record shows at one place."""
         dt = self.simulator.dt
-        second = None if placed.second < 0 else self.u[self.order, placed.second]
+        u = self.u[self.order]
         kind, index = placed.port
+        second = placed.second_of(u, self.x if kind == "state" else None)
         if kind == "state":
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
             argument, rate = self.x @ weights, self.rates @ weights
         else:
-            argument = (self.u if kind == "input" else self.run.y)[self.order, index]
+            argument = u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
         return Setting(argument, rate, own, second, self.time, dt, self.first, residual)

@@ -73,6 +73,17 @@ def _address(function, signature) -> int:
     return found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
 
 
+@njit(nogil=True)
+def _weighed(weights, now, states):
+    """Return the second argument of an effect; NaN where it has none, as its weights are then."""
+    total = 0.0
+    for i in range(now.size):
+        total += weights[i] * now[i]
+    for i in range(states.size):
+        total += weights[now.size + i] * states[i]
+    return total
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
@@ -86,7 +97,7 @@ def _simulate_windows(
     port,
     onward,
     weights,
-    second,
+    seconds,
     strength,
     theta,
     memory,
@@ -109,6 +120,7 @@ def _simulate_windows(
 ):
     """Run every window from its own initial state; return the sample where the run left the finite range.
 
+    `seconds` holds the weights of each effect's second argument on inputs and states, NaN where it has none.
     The states of the effects, z, are carried from one window to the next and start at zero where `fresh`.
     A force writes dz/dt; where the effect `jumps` (play operators) it writes z itself, after the move to the
     present argument. A force that acts `after` the step too is a hard limit: within the step it acts at once
@@ -192,7 +204,7 @@ def _simulate_windows(
                                 rate += weights[e, i] * (nominal[i] - stage[i]) / dt
                             else:
                                 rate += weights[e, i] * nominal[i]
-                        other = now[second[e]] if second[e] >= 0 else 0.0
+                        other = _weighed(seconds[e], now, stage)
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
                         within = force_step * (AT_ONCE if after[e] else 1.0)
@@ -217,7 +229,7 @@ def _simulate_windows(
                     for i in range(n_states):
                         argument += weights[e, i] * before[i]
                         rate += weights[e, i] * (x[i] - before[i]) / h
-                    other = now[second[e]] if second[e] >= 0 else 0.0
+                    other = _weighed(seconds[e], now, before)
                     own = (x[port[e]] - before[port[e]]) / force_step
                     time = (k - began[w]) * dt + s * h
                     force = _force_at(force_addresses[e])(
@@ -249,8 +261,7 @@ def simulate_windows():
         INTEGERS,
         types.int64,
         *[INTEGERS] * 2,
-        MATRIX,
-        INTEGERS,
+        *[MATRIX] * 2,
         VECTOR,
         MATRIX,
         INTEGERS,

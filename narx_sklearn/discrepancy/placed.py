@@ -31,14 +31,17 @@ class PlacedEffect:
         Where it acts.
     weights : tuple of float
         At a state port: the argument as a weighted sum of the states (a difference of two positions, say).
-    second : int
-        Input column of the second argument; -1 for none.
+    second : tuple of float
+        The second argument as a weighted sum of the inputs and then the states; empty for none. At an input
+        or output port the inputs alone count.
     onward : int
         State equation to which a share goes on; -1 for none.
     theta : tuple of float
         Parameters of the effect, and last the share that goes on where ``onward`` names an equation.
     argument_name, argument_unit : str
         How the argument is called and its unit.
+    second_name, second_unit : str
+        How the second argument is called and its unit.
     odd : bool
         Whether one meets the effect elsewhere, not at such a place.
     """
@@ -46,11 +49,13 @@ class PlacedEffect:
     effect: Effect
     port: Port
     weights: tuple[float, ...] = ()
-    second: int = -1
+    second: tuple[float, ...] = ()
     onward: int = -1
     theta: tuple[float, ...] = ()
     argument_name: str = ""
     argument_unit: str = ""
+    second_name: str = ""
+    second_unit: str = ""
     odd: bool = False
 
     def at(self, theta) -> "PlacedEffect":
@@ -72,6 +77,15 @@ class PlacedEffect:
     def n_theta(self) -> int:
         """Number of parameters, the share that goes on included."""
         return len(self.effect.parameters) + (self.onward >= 0)
+
+    def second_of(self, u: np.ndarray, x: np.ndarray | None = None) -> np.ndarray | None:
+        """Return the second argument along a record, (n_samples,); None for none."""
+        if not self.second:
+            return None
+        weights = np.array(self.second)
+        n_inputs = u.shape[1]
+        own = u @ weights[:n_inputs]
+        return own if x is None else own + x @ weights[n_inputs:]
 
 
 def in_short(effects: Iterable[PlacedEffect]) -> str:

@@ -39,7 +39,7 @@ class Finding:
     place : str
         The same in words.
     argument : str
-        The signal it depends on, with unit.
+        The signal it depends on, with unit, and the second one where it depends on two.
     parameters : dict
         Values by name.
     intervals : dict

@@ -175,7 +175,7 @@ class Simulator(ABC):
             failed = simulate_windows()(
                 equation_address(equation),
                 equation_address(output),
-                *_slots(forces, len(self.states)),
+                *_slots(forces, len(self.inputs), len(self.states)),
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
                 driven,
@@ -309,29 +309,32 @@ def _stopped_by(error: Exception, x: np.ndarray, windows: Windows, dt: float) ->
     )
 
 
-def _slots(forces, n_states: int):
+def _slots(forces, n_inputs: int, n_states: int):
     """Return the effects at state equations as the arrays the kernel takes."""
     n = len(forces)
     if n > MAX_EFFECTS:
         raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
     functions = [compiled_force(placed.effect.force) for placed, _ in forces]
-    port, onward, second = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
+    port, onward = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(2))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
     jumps, after = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(2))
     weights = np.zeros((MAX_EFFECTS, n_states))
+    seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     strength = np.zeros(MAX_EFFECTS)
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
-        port[i], onward[i], second[i] = placed.port.index, placed.onward, placed.second
+        port[i], onward[i] = placed.port.index, placed.onward
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         weights[i, : len(placed.weights)] = placed.weights
+        if placed.second:
+            seconds[i] = placed.second
         theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
-    return addresses, n, port, onward, weights, second, strength, theta, memory, jumps, after
+    return addresses, n, port, onward, weights, seconds, strength, theta, memory, jumps, after
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
@@ -343,9 +346,7 @@ def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows)
         if out is signals:
             out = signals.copy()
         column = out[:, placed.port.index].copy()
-        other = None
-        if placed.second >= 0:
-            other = (signals if driven is None else driven)[:, placed.second]
+        other = placed.second_of(signals if driven is None else driven)
         # an effect has acted since the session began, also where no window is and its memory waits
         keep, begin = _since_the_sessions_began(windows)
         inside = column[keep]

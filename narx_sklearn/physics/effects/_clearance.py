@@ -8,6 +8,7 @@ from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_level, plays
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._parallel import N_PARALLEL, reach
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import (
     at_signal,
@@ -19,27 +20,20 @@ from narx_sklearn.physics.effects._starts import (
     working_points,
 )
 
-N_GAPS = 4  # that share a play whose corners are rounded
 ROUNDED = 0.1  # of the half-width of a play or a dead zone: the rounding of its corners to begin with
-
-
-@kernel
-def _radius(b, s, j):
-    """Return the half-width of one of the gaps that share the play, evenly spread about b."""
-    return b * (1.0 + s * ((2.0 * j + 1.0) / N_GAPS - 1.0))
 
 
 @kernel
 def _plays_run(values, b, s):
     """Return the mean of the gaps' play operators along values; they start centred on the first."""
     out = np.empty(values.size)
-    w = np.full(N_GAPS, values[0])
+    w = np.full(N_PARALLEL, values[0])
     for k in range(values.size):
         total = 0.0
-        for j in range(N_GAPS):
-            w[j] = play_step(w[j], values[k], _radius(b, s, j))
+        for j in range(N_PARALLEL):
+            w[j] = play_step(w[j], values[k], reach(b, s, j))
             total += w[j]
-        out[k] = total / N_GAPS
+        out[k] = total / N_PARALLEL
     return out
 
 
@@ -51,12 +45,12 @@ def _backlash_transform(signal, second, dt, theta, first):
 def _backlash(argument, rate, own, second, time, step, z, theta, dz):
     """z holds the followers, and last whether they have begun: centred where the motion begins."""
     total = 0.0
-    for j in range(N_GAPS):
-        before = z[j] if z[N_GAPS] > 0.0 else argument
-        dz[j] = play_step(before, argument, _radius(theta[1], theta[2], j))
+    for j in range(N_PARALLEL):
+        before = z[j] if z[N_PARALLEL] > 0.0 else argument
+        dz[j] = play_step(before, argument, reach(theta[1], theta[2], j))
         total += dz[j]
-    dz[N_GAPS] = 1.0
-    return theta[0] * (total / N_GAPS - argument)
+    dz[N_PARALLEL] = 1.0
+    return theta[0] * (total / N_PARALLEL - argument)
 
 
 def _backlash_starts(setting: Setting) -> np.ndarray:
@@ -134,11 +128,12 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _stiction_run(values, stick, slip):
+def _stiction_run(values, stick, slip, again):
     """Return the stem along values; it starts relaxed on the first.
 
     At rest it bears a withheld move of (S + J)/2 either way, sliding it trails by (S - J)/2: so a reversal
-    takes S and going on after a stop takes J.
+    takes S and going on after a stop takes J. While the command goes on it may stick `again`: 0 for never, up
+    to 1 for as much as at rest, so that the stem goes in steps of J.
     """
     breakaway = 0.5 * (stick + slip)
     trailing = 0.5 * (stick - slip)
@@ -150,26 +145,27 @@ def _stiction_run(values, stick, slip):
         withheld = values[k] - stem
         if move * direction <= 0.0:
             direction = 0.0
-        if abs(withheld) > breakaway:
+        holding = breakaway if direction == 0.0 else trailing + again * slip
+        if abs(withheld) > holding:
             direction = 1.0 if withheld > 0.0 else -1.0
-        if direction != 0.0:
             stem = values[k] - direction * trailing
         out[k] = stem
     return out
 
 
 def _stiction_transform(signal, second, dt, theta, first):
-    return by_pieces(_stiction_run, signal, first, theta[0], theta[0] * theta[1])
+    return by_pieces(_stiction_run, signal, first, theta[0], theta[0] * theta[1], theta[2])
 
 
 def _stiction_starts(setting: Setting) -> np.ndarray:
-    """Bands from a fiftieth of the spread up: a fit widens a narrow band, but does not narrow a wide one."""
-    rows = grid(np.array([0.02, 0.06, 0.2, 0.6]) * spread(setting.argument), [0.3, 1.0])
+    """Bands from a fiftieth of the spread up, closely, since a fit does not get past many jumps."""
+    bands = np.array([0.02, 0.04, 0.08, 0.16, 0.32, 0.64]) * spread(setting.argument)
+    rows = np.concatenate([grid(bands, [0.3], [0.0]), grid(bands, [0.3, 0.7], [1.0])])
     return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
 
 
 def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return plays(argument, *np.unique([_radius(theta[1], theta[2], j) for j in range(N_GAPS)]))
+    return plays(argument, *np.unique([reach(theta[1], theta[2], j) for j in range(N_PARALLEL)]))
 
 
 def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -202,7 +198,7 @@ CLEARANCE = (
         transform=_backlash_transform,
         output_port=False,
         argument="any",
-        n_memory=N_GAPS + 1,
+        n_memory=N_PARALLEL + 1,
         jumps=True,
         lookalikes=(
             "coulomb_friction",
@@ -259,8 +255,13 @@ CLEARANCE = (
         code="valve_stiction",
         title="Sticking valve",
         sentence="The stem holds until the command has moved far enough, then jumps.",
-        equation="held until the command has moved by S, then a jump by J = j S, then s - (S - J)/2 sgn(v)",
-        parameters=(EffectParameter("S", "{port}", 0.0), EffectParameter("j", "-", 0.0, 1.0)),
+        equation="held until the command has moved by S, then a jump by J = j S, then s - (S - J)/2 sgn(v), "
+        "held again in between while it is less than a J ahead of that",
+        parameters=(
+            EffectParameter("S", "{port}", 0.0),
+            EffectParameter("j", "-", 0.0, 1.0),
+            EffectParameter("a", "-", 0.0, 1.0),
+        ),
         starts=_stiction_starts,
         transform=_stiction_transform,
         output_port=False,
@@ -268,7 +269,8 @@ CLEARANCE = (
         lookalikes=("backlash", "dead_zone", "stuck_sensor", "quantisation"),
         holds=("backlash",),
         separate_by="a bump test in manual, and another controller gain",
-        source="Choudhury, Thornhill and Shah 2005, Control Eng. Pract. 13(5), sec. 4, in S and J",
+        source="Choudhury, Thornhill and Shah 2005, Control Eng. Pract. 13(5), sec. 4, in S and J (a = 0); "
+        "He, Wang, Pottmann and Qin 2007, Ind. Eng. Chem. Res. 46(13) (a = 1)",
         phi=_valve_stiction_phi,
     ),
 )

@@ -8,7 +8,7 @@ import numpy as np
 
 PORTS = ("input", "state", "output")
 ARGUMENTS = ("none", "own", "position", "any")
-SECONDS = (None, "input", "channel")
+SECONDS = (None, "input", "channel", "drive")
 MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
 MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
 
@@ -75,8 +75,9 @@ class Effect:
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
-    second : {None, "input", "channel"}
-        Second argument: every input, or every measured channel that the simulator does not use.
+    second : {None, "input", "channel", "drive"}
+        Second argument: every input; every measured channel that the simulator does not use; or what else
+        drives the state equation, each in turn: nothing in particular (NaN), its inputs, its neighbours.
     amplitude : int or None
         Index of the parameter that scales the whole effect; None when no parameter does.
     n_memory : int

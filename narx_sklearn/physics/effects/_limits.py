@@ -110,9 +110,9 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
     moves = moves[moves > 0]
     if moves.size == 0:
         return np.empty((0, 1))
-    # a record of steps shows its limit as ramps of some samples, a smooth one near its fastest slopes
+    # steps show a limit as ramps of some samples, or within one; a smooth record near its fastest slopes
     limits = np.unique(
-        np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3]) * moves.max()])
+        np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 2.0, 8.0]) * moves.max()])
     )
     return telling(setting, grid(limits), _rate_limit_transform)
 

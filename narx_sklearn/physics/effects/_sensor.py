@@ -9,9 +9,8 @@ from narx_sklearn.physics.effects._starts import grid, spread, telling
 
 SHORTEST_HOLD = 4  # samples that a sensor is stuck
 BEST = 3  # of the values scanned that are kept
-FINEST = 60  # steps in the spread of a signal, below which steps are not looked for
-STEPS_TRIED = 2000  # at most
-SAMPLES_TRIED = 2000  # at most
+LEVELS = 2**16  # on which a signal's values are gathered; steps of less than eight of them are not looked for
+LOOKED_AT = 20  # of the best steps, that are tried as they are
 FEW = 0.25  # distinct values a sample, below which a signal is taken to be quantised
 
 
@@ -32,23 +31,32 @@ def _quantisation_starts(setting: Setting) -> np.ndarray:
 
 
 def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
-    """Try steps so close to one another that none of the signal's levels is missed by more than a quarter."""
-    every = max(1, setting.argument.size // SAMPLES_TRIED)
-    signal, residual = setting.argument[::every], residual[::every]
+    """Look for a line in the residual along the signal: steps q leave a saw tooth of that period.
+
+    Its first harmonic is -(q/pi) sin(2 pi s/q). All periods come from one transform of the residual, gathered
+    over the signal's levels; their inverses are so close that no level is missed by more than an eighth.
+    """
+    signal, n = setting.argument, setting.argument.size
     size, reach = spread(signal), float(np.max(np.abs(signal), initial=0.0))
     if size == 0 or not np.all(np.isfinite(residual)):
         return np.empty((0, 1)), 0
-    # steps q whose inverses are evenly spaced, reach / (4 reach) apart
-    finest = min(FINEST / size, 1.0 / size + STEPS_TRIED / (4.0 * reach))
-    steps = 1.0 / np.arange(1.0 / size, finest, 1.0 / (4.0 * reach))
-    gain = np.empty(steps.size)
-    for i, q in enumerate(steps):
+    level = np.round((signal / reach + 1.0) * (LEVELS // 2)).astype(np.int64)
+    gathered = np.bincount(level, residual - residual.mean(), LEVELS + 1)[:LEVELS]
+    number = np.arange(1, LEVELS)  # of steps in eight times the reach
+    line = np.fft.rfft(gathered, 4 * LEVELS)[number] * np.exp(0.25j * np.pi * (number % 8))
+    along = line.imag  # minus the sum of the residual times the sine
+    height = 8.0 * reach / number / np.pi
+    gain = np.where(number * size > 8.0 * reach, 2.0 * height * along - 0.5 * n * height**2, 0.0)
+    found = []
+    for j in np.argsort(-gain)[:LOOKED_AT]:
+        q = 8.0 * reach / number[j]
         change = _steps(signal, q) - signal
         length = change @ change
         share = change @ residual / length if length > 0 else 0.0
-        gain[i] = share**2 * length if 0.5 < share < 1.5 else 0.0
-    best = np.argsort(-gain)[:BEST]
-    return telling(setting, steps[best[gain[best] > 0]][:, None], _quantisation_transform), steps.size
+        if gain[j] > 0 and 0.5 < share < 1.5:
+            found.append((float(share**2 * length), float(q)))
+    best = [q for _, q in sorted(found, reverse=True)[:BEST]]
+    return np.array(best).reshape(-1, 1), number.size
 
 
 def _measured(setting: Setting) -> np.ndarray:
