@@ -141,7 +141,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
         tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
         alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
-        unnamed = _unnamed(problem, refitted, structure, settings)
+        unnamed = _unnamed(problem, refitted, best, structure, settings)
         verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
     return Diagnosis(
         verdict,
@@ -165,18 +165,18 @@ def _coloured_search(
     """Return the problem under noise of its own colour, its fit, and the steps of the search."""
     settings.tell("colour of the noise")
     bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
-    leading = _leading(problem, refitted, bank, settings)
-    dominated = leading is not None and leading.fit.cost < MOSTLY * refitted.cost
-    if leading is not None and dominated:
+    known = _leading(problem, refitted, bank, settings)
+    dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
+    if dominated:
         # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
-        residual = problem.left_over(leading.fit.model)
+        residual = problem.left_over(known[0].fit.model)
     else:
         residual, _ = flexible_residual(bank, problem.n_seen)
         residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model)
     settings.tell("search for missing physics")
-    steps = _searched(problem, refitted, structure, settings, dominated)
+    steps = _searched(problem, refitted, structure, settings, dominated, known)
     found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
     leading = min(found, key=lambda c: c.criterion, default=None)
     if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
@@ -184,20 +184,25 @@ def _coloured_search(
         settings.tell("search again, under the noise that the first effect leaves")
         problem = problem.with_noise(estimate_noise(problem.left_over(leading.fit.model), problem.seen))
         refitted = fit(problem, refitted.model)
-        steps = _searched(problem, refitted, structure, settings, True)
+        found.sort(key=lambda c: c.criterion)
+        steps = _searched(problem, refitted, structure, settings, True, found)
     return problem, refitted, steps
 
 
-def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> Candidate | None:
-    """Return the best single effect under white noise, fully fitted."""
+def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
+    """Return the best single effects under white noise, the first of them fully fitted."""
     certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0, 0.0)
     placed = leaders(bank, settings.n_leaders, certain, 1.0)
-    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
-    return found[0] if found else None
+    return refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
 
 
 def _searched(
-    problem: Problem, refitted: Fit, structure: Structure, settings: Settings, dominated: bool
+    problem: Problem,
+    refitted: Fit,
+    structure: Structure,
+    settings: Settings,
+    dominated: bool,
+    known: list[Candidate],
 ) -> list[Step]:
     return search(
         problem,
@@ -209,6 +214,7 @@ def _searched(
         random_state=settings.random_state,
         n_jobs=settings.n_jobs,
         dominated=dominated,
+        known=known,
     )
 
 
@@ -296,10 +302,13 @@ def _replaced(candidate: Candidate, kept: set) -> set[str]:
     return {e.effect.code for e in candidate.effects if e.place not in kept}
 
 
-def _unnamed(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Candidate | None:
-    """Return the best broken line at any port, on top of the refitted simulator."""
-    curves = _curves(problem, refitted, structure)
-    found = refit_leaders(problem, refitted, [c.placed for c in curves], settings.n_jobs)
+def _unnamed(
+    problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
+) -> Candidate | None:
+    """Return the best broken line at any port, fitted from the parameters that go with the named effects."""
+    curves = [c.placed for c in _curves(problem, refitted, structure)]
+    base = refitted._replace(model=best.fit.model._replace(effects=()))
+    found = refit_leaders(problem, base, curves, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None
 
 

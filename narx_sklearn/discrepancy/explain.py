@@ -1,5 +1,6 @@
 """Which physics is missing: order the bank, refit the leaders, add one effect after another."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -142,33 +143,50 @@ def _speaking_for(placed: PlacedEffect, detection: Detection, scanned: set[str])
 
 
 def refit_leaders(
-    problem: Problem, base: Fit, placed: list[PlacedEffect], n_jobs=None, *, finished: int | None = None
+    problem: Problem,
+    base: Fit,
+    placed: list[PlacedEffect],
+    n_jobs=None,
+    *,
+    finished: int | None = None,
+    known: Sequence[Candidate] = (),
+    twins: int = TWINS,
 ) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
     All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
-    convergence. Where nothing is in the model yet, some start from the simulator's own parameter values too:
-    what the refit made of them without the effect may lie in another valley.
+    convergence. Where nothing is in the model yet, ``twins`` start from the simulator's own parameter values
+    too: what the refit made of them without the effect may lie in another valley. Those ``known``, fitted
+    before under another noise, go on from there.
     """
 
-    def refitted(model, iterations: int) -> Candidate:
-        return Candidate(fit(problem, model, iterations=iterations), problem.n_seen)
+    def refitted(model, iterations: int, rough: bool) -> Candidate:
+        return Candidate(fit(problem, model, iterations=iterations, rough=rough), problem.n_seen)
 
-    def round_of(models, iterations: int) -> list[Candidate]:
-        found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(refitted)(m, iterations) for m in models)
+    def round_of(models, iterations: int, rough: bool = True) -> list[Candidate]:
+        found = Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(refitted)(m, iterations, rough) for m in models
+        )
         return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
 
-    models = [base.model._replace(effects=(*base.model.effects, effect)) for effect in placed]
+    before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
+    places = dict.fromkeys(effect.place for effect in placed)
+    models = [before[place] for place in places if place in before]
+    models += [
+        base.model._replace(effects=(*base.model.effects, effect))
+        for effect in placed
+        if effect.place not in before
+    ]
     left_behind: list[Candidate] = []
     for iterations, most in ROUNDS:
         found = _once_each(round_of(models, iterations))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
-        if iterations == ROUNDS[0][0] and not base.model.effects:
-            models += [m._replace(p=problem.simulator.nominal) for m in models[:TWINS]]
+        if iterations == ROUNDS[0][0] and not (base.model.effects or before):
+            models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
-    return sorted(round_of(models, FINE) + left_behind, key=lambda c: c.criterion)
+    return sorted(round_of(models, FINE, rough=False) + left_behind, key=lambda c: c.criterion)
 
 
 def _once_each(candidates: list[Candidate]) -> list[Candidate]:
@@ -190,11 +208,12 @@ def search(
     random_state=None,
     n_jobs=None,
     dominated: bool = False,
+    known: Sequence[Candidate] = (),
 ) -> list[Step]:
     """Add effects one after another while the test finds something left; return the steps taken.
 
     The best few sets of each depth are carried on, since one effect can mask another, and every set found is
-    tried without each of its older members.
+    tried without each of its older members. ``known`` are single effects that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -209,7 +228,8 @@ def search(
                 detection = _left_to_the_fits(detection)
             silent = detection.p_value > alpha or len(candidate.effects) >= max_effects
             placed = [] if rank == 0 and silent else leaders(bank, n_leaders, detection, alpha)
-            found = refit_leaders(problem, candidate.fit, placed, n_jobs)
+            before = () if candidate.effects else known
+            found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=before)
             found = [c for c in found if c.criterion < candidate.criterion]
             if rank == 0:
                 detection = _confirmed(problem, candidate, found, detection, bank)

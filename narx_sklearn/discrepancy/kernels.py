@@ -76,6 +76,8 @@ def _address(function, signature) -> int:
 @njit(nogil=True)
 def _weighed(weights, now, states):
     """Return the second argument of an effect; NaN where it has none, as its weights are then."""
+    if np.isnan(weights[0]):
+        return np.nan
     total = 0.0
     for i in range(now.size):
         total += weights[i] * now[i]

@@ -153,11 +153,12 @@ class Projector(NamedTuple):
         keep = values > FLAT * values[:, :1].clip(min=1e-300)
         basis = left * keep[:, None, :]
         inverted = np.where(keep, 1 / np.where(keep, values, 1.0), 0.0)
-        inverse = np.einsum("wij,wi,wti->wjt", right, inverted, left) / scale[:, :, None]
+        inverse = np.swapaxes(right, 1, 2) @ (inverted[:, :, None] * np.swapaxes(left, 1, 2))
+        inverse /= scale[:, :, None]
         return cls(basis, inverse)
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Project (W, T) or (W, T, n) columns."""
         if columns.ndim == 2:
-            return columns - np.einsum("wtk,wk->wt", self.basis, np.einsum("wtk,wt->wk", self.basis, columns))
+            return self(columns[:, :, None])[:, :, 0]
         return columns - self.basis @ (np.swapaxes(self.basis, 1, 2) @ columns)

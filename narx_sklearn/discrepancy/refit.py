@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.simulator import Run, Windows
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
 ITERATIONS = 25
+NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 
 
@@ -72,6 +73,7 @@ def fit(
     free: np.ndarray | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = 1e-5,
+    rough: bool = False,
 ) -> Fit:
     """Minimise the whitened output error over global parameters and initial states.
 
@@ -82,6 +84,8 @@ def fit(
     ----------
     free : ndarray of bool of shape (n_q,), optional
         Which global parameters may move; all by default.
+    rough : bool
+        Whether the linearisation may be that of the last step's beginning, for fits that are only ranked.
     """
     bounds = all_bounds(problem, model)
     q = np.clip(model.q, bounds[:, 0], bounds[:, 1])
@@ -97,6 +101,9 @@ def fit(
     cost = _cost(residual)
     done = 0
     while True:
+        if rough and done and (done >= iterations or converged):
+            r = projector(_finite(residual))
+            break
         steps = difference_steps(model, bounds, scale_q)
         projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps)))
         J_full = _finite(problem.parameter_sensitivity(model, run, steps))
@@ -106,9 +113,10 @@ def fit(
             break
         done += 1
         q = model.q
-        gradient = np.einsum("wtk,wt->k", J, r)
+        columns = J.reshape(-1, n_q)
+        gradient = columns.T @ r.ravel()
         movable = free & ~((q <= bounds[:, 0]) & (gradient < 0)) & ~((q >= bounds[:, 1]) & (gradient > 0))
-        hessian = np.einsum("wti,wtj->ij", J, J)
+        hessian = columns.T @ columns
         diagonal = np.diag(hessian).copy()
         movable &= diagonal > 0
         index = np.flatnonzero(movable)
@@ -122,10 +130,13 @@ def fit(
                 normal = hessian[np.ix_(index, index)] / np.outer(size, size)
                 normal[np.diag_indices_from(normal)] += damping
                 move[index] = np.linalg.solve(normal, gradient[index] / size) / size
+            promised = cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
+            if promised <= NOTHING * tolerance * cost:
+                break
             target = np.clip(q + move, bounds[:, 0], bounds[:, 1])
             x0 = model.x0.copy()
-            left = residual - np.einsum("wtk,k->wt", J_full, target - q)
-            x0[:, chosen] += np.einsum("wkt,wt->wk", projector.inverse, _finite(left))
+            left = residual - J_full @ (target - q)
+            x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
             trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
             if attempt >= GIVE_UP and not trial.cost < cost:
                 # where friction holds, a state's sensitivity says nothing: such windows keep the old one
