@@ -41,6 +41,15 @@ class Attempt(NamedTuple):
     cost: float
 
 
+class Tangents(NamedTuple):
+    """A model's response to small moves, whitened."""
+
+    steps: np.ndarray  # (n_q,) difference steps
+    projector: Projector  # off what the initial states explain
+    full: np.ndarray  # (W, T, n_q)
+    projected: np.ndarray  # (W, T, n_q)
+
+
 def state_scale(problem: Problem, model: Model, run: Run) -> np.ndarray:
     """Return a difference step for each initial state, from the size of its motion."""
     with np.errstate(invalid="ignore", over="ignore"):
@@ -100,14 +109,15 @@ def fit(
     residual = problem.residual(run)
     cost = _cost(residual)
     done = 0
-    while True:
-        if rough and done and (done >= iterations or converged):
-            r = projector(_finite(residual))
-            break
+
+    def tangents() -> Tangents:
         steps = difference_steps(model, bounds, scale_q)
         projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps)))
-        J_full = _finite(problem.parameter_sensitivity(model, run, steps))
-        J = projector(J_full)
+        J = _finite(problem.parameter_sensitivity(model, run, steps))
+        return Tangents(steps, projector, J, projector(J))
+
+    steps, projector, J_full, J = tangents()
+    while True:
         r = projector(_finite(residual))
         if done >= iterations or converged or not np.isfinite(cost):
             break
@@ -149,6 +159,8 @@ def fit(
                 break
             damping = max(damping * 6, 1e-6)
         converged = previous - cost <= tolerance * previous
+        if not (rough and (done >= iterations or converged)):
+            steps, projector, J_full, J = tangents()
     return Fit(model, cost, r, J, projector, steps, converged, done)
 
 
