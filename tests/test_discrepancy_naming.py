@@ -75,18 +75,22 @@ def axis_problem(effects=(), noise=0.002, n=1500, n_windows=4, seed=0, drift=0.0
     return problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2)))
 
 
+def gained(problem, without, with_effect):
+    return deviance(problem, without.model) - deviance(problem, with_effect.model)
+
+
 class TestChanceOfNoise:
     def test_friction_stays_when_both_sides_may_call_the_rest_coloured_noise(self):
         problem, start = axis_problem([friction(0.3)])
         without = fit(problem, start)
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        assert chance_of_noise(problem, without.model, named.model, n_tried=100) < 1e-6
+        assert chance_of_noise(gained(problem, without, named), 100, 0, problem.n_seen) < 1e-6
 
     def test_an_effect_that_is_not_there_is_noise(self):
         problem, start = axis_problem(drift=0.0005)
         without = fit(problem, start)
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        assert chance_of_noise(problem, without.model, named.model, n_tried=100) > 0.05
+        assert chance_of_noise(gained(problem, without, named), 100, 0, problem.n_seen) > 0.05
 
     def test_deviance_is_minus_twice_the_log_likelihood_of_white_noise(self):
         problem, start = axis_problem(n=4000)
@@ -96,11 +100,10 @@ class TestChanceOfNoise:
         assert deviance(problem, found.model) == pytest.approx(n * np.log(variance), abs=25.0)
 
     def test_every_shape_and_every_hypothesis_has_its_price(self):
-        problem, start = axis_problem([friction(0.02)])
-        without = fit(problem, start)
-        plain = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        chances = [chance_of_noise(problem, without.model, plain.model, n) for n in (1, 10)]
-        assert chances[1] == pytest.approx(min(10 * chances[0], 1.0), rel=1e-9)
+        plain = chance_of_noise(30.0, 1, 0, 400)
+        assert chance_of_noise(30.0, 10, 0, 400) == pytest.approx(10 * plain, rel=1e-9)
+        assert chance_of_noise(30.0, 1, 2, 400) == pytest.approx(400 * plain, rel=1e-9)
+        assert chance_of_noise(0.0, 1, 0, 400) == 1.0
 
 
 class TestDrift:

@@ -11,22 +11,24 @@ ROUNDS = 4  # of noise and model in turn, at most
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
 
-def chance_of_noise(problem: Problem, without: Model, with_effect: Model, n_tried: int) -> float:
-    """Return the p-value of a model's last effect when each side may call what it leaves noise of its colour.
+def chance_of_noise(gained: float, n_tried: int, n_shapes: int, n_samples: int) -> float:
+    """Return the p-value of an effect when each side may call what it leaves noise of its colour.
 
     Slow noise (a drift) looks like slow effects. Without the effect the noise model takes up what it can;
-    twice the difference of the log-likelihoods is then chi-squared, and the best of all that was tried pays
-    for their number (Bonferroni). A shape found by fitting is one of about the square root of n values that
-    n samples can tell apart.
+    the difference of the deviances is then chi-squared, and the best of all that was tried pays for their
+    number (Bonferroni). A shape found by fitting is one of about the square root of n values that n samples
+    can tell apart.
 
     Parameters
     ----------
+    gained : float
+        What the effect takes off the deviance.
     n_tried : int
         Hypotheses of which the effect is the best.
+    n_shapes : int
+        Parameters of the effect, its strength not counted, that the data can feel.
     """
-    gained = deviance(problem, without) - deviance(problem, with_effect)
-    n_shapes = with_effect.effects[-1].n_theta - 1
-    log_tried = np.log(n_tried) + 0.5 * n_shapes * np.log(problem.n_seen)
+    log_tried = np.log(n_tried) + 0.5 * n_shapes * np.log(n_samples)
     return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import chance_of_noise
+from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -22,6 +22,8 @@ TWINS = 7  # leaders that are also tried from the simulator's own parameter valu
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
+CONFIRMED = 4  # of the best candidates that may each show that it is not noise
+UNTOLD = 4.0  # difference of the criterion that tells little
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
 
@@ -255,10 +257,23 @@ def _left_to_the_fits(detection: Detection) -> Detection:
 def _confirmed(
     problem: Problem, base: Candidate, found: list[Candidate], detection: Detection, bank: Bank
 ) -> Detection:
-    """Return the detection with the chance that what was found is noise of some colour."""
+    """Return the detection with the chance that what was found is noise of some colour.
+
+    Of what the criterion cannot tell from the best, the least chance counts.
+    """
     if not found:
         return detection
-    chance = chance_of_noise(problem, base.fit.model, found[0].fit.model, len(bank.hypotheses))
+    without = deviance(problem, base.fit.model)
+    chance = min(
+        chance_of_noise(
+            without - deviance(problem, c.fit.model),
+            len(bank.hypotheses),
+            max(c.n_parameters - base.n_parameters - 1, 0),
+            problem.n_seen,
+        )
+        for c in found[:CONFIRMED]
+        if c.criterion <= found[0].criterion + UNTOLD
+    )
     return detection._replace(p_value=max(detection.p_value, chance))
 
 

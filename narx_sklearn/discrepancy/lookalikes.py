@@ -29,16 +29,15 @@ def likeliest(candidates: list[Candidate]) -> Candidate:
     (gravity at one angle is a constant load), then fewer parameters.
     """
     best = min(candidates, key=lambda c: c.criterion)
-    simpler = [
+    near = [
         c
         for c in candidates
-        if c.criterion <= best.criterion + HARDLY and len(c.effects) == len(best.effects) and _holds(c, best)
+        if len(c.effects) == len(best.effects)
+        and c.criterion <= best.criterion + (HARDLY if _holds(c, best) else ALIKE)
     ]
-    if simpler:
-        return likeliest(simpler)
-    alike = [
-        c for c in candidates if c.criterion <= best.criterion + ALIKE and len(c.effects) == len(best.effects)
-    ]
+    alike = [c for c in near if not any(_holds(special, c) for special in near)]
+    if not any(c is best for c in alike):
+        return likeliest(alike)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
 
 
