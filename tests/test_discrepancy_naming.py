@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
+from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.explain import Candidate, leaders, probe
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
 from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -104,6 +106,33 @@ class TestChanceOfNoise:
         assert chance_of_noise(30.0, 10, 0, 400) == pytest.approx(10 * plain, rel=1e-9)
         assert chance_of_noise(30.0, 1, 2, 400) == pytest.approx(400 * plain, rel=1e-9)
         assert chance_of_noise(0.0, 1, 0, 400) == 1.0
+
+
+class TestAsked:
+    def bank(self, unasked):
+        problem, start = axis_problem([friction(0.3)])
+        found = fit(problem, start)
+        run = problem.run(found.model)
+        inside = problem.rows[problem.inside]
+        structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
+        asked = [CATALOGUE["gain_drift"]]
+        bank = make_bank(
+            problem,
+            found,
+            enumerate_hypotheses(asked, problem, found.model, run, structure, unasked),
+        )
+        return problem, found, bank
+
+    def test_what_nobody_asks_for_takes_up_structure_but_is_not_named(self):
+        problem, _, few = self.bank([])
+        _, found, all_of_them = self.bank([CATALOGUE["coulomb_friction"]])
+        noise = [np.var(flexible_residual(bank, problem.n_seen)[0]) for bank in (few, all_of_them)]
+        assert noise[1] < 0.5 * noise[0]
+        certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+        named = {placed.effect.code for placed in leaders(all_of_them, 10, certain, 1.0)}
+        assert named == {"gain_drift"}
+        assert probe(problem, found, all_of_them, 0).statistic[all_of_them.owner == 0].max() > 0
+        assert not probe(problem, found, all_of_them, 0).statistic[-1]
 
 
 class TestDrift:

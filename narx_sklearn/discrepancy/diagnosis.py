@@ -31,6 +31,7 @@ from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
+from narx_sklearn.physics.effects import CATALOGUE
 
 UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
 UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
@@ -244,7 +245,9 @@ def _left_over(problem: Problem, residual: np.ndarray) -> np.ndarray:
 
 
 def _hypotheses(problem: Problem, found: Fit, structure: Structure, settings: Settings):
-    return enumerate_hypotheses(settings.effects, problem, found.model, problem.run(found.model), structure)
+    unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
+    run = problem.run(found.model)
+    return enumerate_hypotheses(settings.effects, problem, found.model, run, structure, unasked)
 
 
 def _curves(problem: Problem, found: Fit, structure: Structure) -> list[Hypothesis]:

@@ -120,6 +120,8 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     for j in np.argsort(-gain, kind="stable"):
         if gain[j] <= 0:
             break
+        if not bank.hypotheses[bank.owner[j]].asked:
+            continue
         if _speaking_for(bank.placed(j), detection, scanned) > alpha:
             continue  # the test that speaks for this kind of effect was silent
         best.setdefault(int(bank.owner[j]), []).append(int(j))
@@ -278,14 +280,16 @@ def _confirmed(
 
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
-    """Test a bank whose columns act in their physical sense (or those ``allowed``)."""
+    """Test what is asked for of a bank, where it acts in its physical sense (or the columns ``allowed``)."""
     pairs = [(bank.hypotheses[h], s) for h, s in zip(bank.owner, bank.start, strict=True)]
+    if allowed is None:
+        allowed = (gains(bank).gain > 0) & np.array([hypothesis.asked for hypothesis, _ in pairs], dtype=bool)
     blind = np.array([not hypothesis.tuned[s] for hypothesis, s in pairs], dtype=bool)
     return detect(
         bank,
-        blind & (gains(bank).gain > 0 if allowed is None else allowed),
+        blind & allowed,
         u=_driving(problem),
-        tried=np.array([hypothesis.tried[s] for hypothesis, s in pairs]),
+        tried=np.array([hypothesis.tried[s] * hypothesis.asked for hypothesis, s in pairs]),
         n_outputs=problem.y.shape[1],
         n_samples=problem.n_seen,
         n_fitted=base.model.q.size + problem.n_initial,

@@ -40,19 +40,26 @@ class Hypothesis(NamedTuple):
     starts: np.ndarray  # (n_starts, n_theta)
     tuned: np.ndarray  # (n_starts,) bool: found by looking at the residual, so no test may use them freely
     tried: np.ndarray  # (n_starts,) of how many values it is the best, where a scan found it; else 0
+    asked: bool = True  # whether it may be named; else it only takes up structure, so that the noise shows
 
 
 def enumerate_hypotheses(
-    effects: Iterable[Effect], problem: Problem, model: Model, run: Run, structure: Structure
+    effects: Iterable[Effect],
+    problem: Problem,
+    model: Model,
+    run: Run,
+    structure: Structure,
+    unasked: Iterable[Effect] = (),
 ) -> list[Hypothesis]:
-    """Return the hypotheses that can act on this record, in the catalogue's order."""
+    """Return the hypotheses that can act on this record, in the order given; last those nobody asks for."""
     simulator = problem.simulator
     order = np.concatenate(
         [np.arange(a, b) for a, b in zip(problem.windows.first, problem.windows.last, strict=True)]
     )
     material = _Material(simulator, problem, run, order, _time(problem), _firsts(problem))
     found = []
-    for effect in effects:
+    asked = tuple(effects)
+    for effect in (*asked, *unasked):
         for placed in placements(effect, simulator, structure):
             setting = material.setting(placed)
             starts = _starts(effect, setting, placed)
@@ -71,6 +78,7 @@ def enumerate_hypotheses(
                         np.concatenate([starts, scanned]),
                         np.append(tuned, np.ones(len(scanned), dtype=bool)),
                         np.append(np.zeros(len(starts)), np.full(len(scanned), n_tried)),
+                        effect in asked,
                     )
                 )
     return found
