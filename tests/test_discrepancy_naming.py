@@ -86,13 +86,13 @@ class TestChanceOfNoise:
         problem, start = axis_problem([friction(0.3)])
         without = fit(problem, start)
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        assert chance_of_noise(gained(problem, without, named), 100, 0, problem.n_seen) < 1e-6
+        assert chance_of_noise(gained(problem, without, named), 100, 1) < 1e-6
 
     def test_an_effect_that_is_not_there_is_noise(self):
         problem, start = axis_problem(drift=0.0005)
         without = fit(problem, start)
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        assert chance_of_noise(gained(problem, without, named), 100, 0, problem.n_seen) > 0.05
+        assert chance_of_noise(gained(problem, without, named), 100, 1) > 0.05
 
     def test_deviance_is_minus_twice_the_log_likelihood_of_white_noise(self):
         problem, start = axis_problem(n=4000)
@@ -102,10 +102,10 @@ class TestChanceOfNoise:
         assert deviance(problem, found.model) == pytest.approx(n * np.log(variance), abs=25.0)
 
     def test_every_shape_and_every_hypothesis_has_its_price(self):
-        plain = chance_of_noise(30.0, 1, 0, 400)
-        assert chance_of_noise(30.0, 10, 0, 400) == pytest.approx(10 * plain, rel=1e-9)
-        assert chance_of_noise(30.0, 1, 2, 400) == pytest.approx(400 * plain, rel=1e-9)
-        assert chance_of_noise(0.0, 1, 0, 400) == 1.0
+        plain = chance_of_noise(30.0, 1, 1)
+        assert chance_of_noise(30.0, 10, 1) == pytest.approx(10 * plain, rel=1e-9)
+        assert chance_of_noise(30.0, 1, 400) == pytest.approx(400 * plain, rel=1e-9)
+        assert chance_of_noise(0.0, 1, 1) == 1.0
 
 
 class TestAsked:

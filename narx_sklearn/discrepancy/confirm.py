@@ -11,13 +11,12 @@ ROUNDS = 4  # of noise and model in turn, at most
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
 
-def chance_of_noise(gained: float, n_tried: int, n_shapes: int, n_samples: int) -> float:
+def chance_of_noise(gained: float, n_tried: int, n_values: float) -> float:
     """Return the p-value of an effect when each side may call what it leaves noise of its colour.
 
     Slow noise (a drift) looks like slow effects. Without the effect the noise model takes up what it can;
     the difference of the deviances is then chi-squared, and the best of all that was tried pays for their
-    number (Bonferroni). A shape found by fitting is one of about the square root of n values that n samples
-    can tell apart.
+    number (Bonferroni).
 
     Parameters
     ----------
@@ -25,10 +24,10 @@ def chance_of_noise(gained: float, n_tried: int, n_shapes: int, n_samples: int) 
         What the effect takes off the deviance.
     n_tried : int
         Hypotheses of which the effect is the best.
-    n_shapes : int
-        Parameters of the effect, its strength not counted, that the data can feel.
+    n_values : float
+        Shapes of the effect of which its own is the best.
     """
-    log_tried = np.log(n_tried) + 0.5 * n_shapes * np.log(n_samples)
+    log_tried = np.log(n_tried) + np.log(n_values)
     return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
 
 

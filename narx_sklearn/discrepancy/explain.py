@@ -265,18 +265,24 @@ def _confirmed(
     """
     if not found:
         return detection
-    without = deviance(problem, base.fit.model)
+    without, n_tried = deviance(problem, base.fit.model), len(bank.hypotheses)
     chance = min(
         chance_of_noise(
-            without - deviance(problem, c.fit.model),
-            len(bank.hypotheses),
-            max(c.n_parameters - base.n_parameters - 1, 0),
-            problem.n_seen,
+            without - deviance(problem, c.fit.model), n_tried, _shapes(c.effects[-1], problem, bank)
         )
         for c in found[:CONFIRMED]
         if c.criterion <= found[0].criterion + UNTOLD
     )
     return detection._replace(p_value=max(detection.p_value, chance))
+
+
+def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:
+    """Return of how many shapes an effect's is the best.
+
+    n samples can tell about the square root of n values of each fitted parameter apart.
+    """
+    scanned = [np.max(h.tried) for h in bank.hypotheses if h.placed.place == placed.place]
+    return max(problem.n_seen ** (0.5 * (placed.n_theta - 1)), *scanned)
 
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
