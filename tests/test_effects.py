@@ -312,7 +312,7 @@ class TestForces:
             ("backlash", [4.0, 0.1, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
             ("backlash", [4.0, 0.1, 0.5], {"argument": 1.0}, 0.0),  # begins centred
             ("bouc_wen_hysteresis", [4.0, 1.0, 0.75, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
-            ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0, 0.0], {"argument": 0.5, "z": [0.25] * 4}, -1.0),
+            ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
             ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2]}, 0.3),
             ("prandtl_ishlinskii", [3.0, 1.0, 0.0], {"argument": 0.4}, 0.0),
@@ -453,14 +453,14 @@ class TestRuns:
 
     @pytest.mark.parametrize("d", [1e-12, 1e-4, 1e-2])
     def test_presliding_friction_never_stiffens_the_run(self, oscillator, d):
-        effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01, 0.5])
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01])
         u = np.column_stack([20 * wideband(), np.zeros(1200)])
         y = oscillator.with_effects([effect]).simulate(u)[:, 0]
         assert np.max(np.abs(y)) < np.max(np.abs(oscillator.simulate(u)))
 
     def test_presliding_friction_is_a_spring_before_breakaway(self, oscillator):
         friction, d = 3.0, 0.01
-        effect = placed_on_mass(CATALOGUE["presliding_friction"], [friction, d, 1.0, 0.1, 0.05, 0.0])
+        effect = placed_on_mass(CATALOGUE["presliding_friction"], [friction, d, 1.0, 0.1, 0.05])
         u = np.column_stack([np.full(3000, 0.03), np.zeros(3000)])
         y = oscillator.with_effects([effect]).simulate(u)[-1, 0]
         np.testing.assert_allclose(

@@ -8,7 +8,6 @@ from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_level, plays
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
-from narx_sklearn.physics.effects._parallel import N_PARALLEL, reach
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import (
     at_signal,
@@ -20,20 +19,27 @@ from narx_sklearn.physics.effects._starts import (
     working_points,
 )
 
+N_GAPS = 4  # that share a play whose corners are rounded
 ROUNDED = 0.1  # of the half-width of a play or a dead zone: the rounding of its corners to begin with
+
+
+@kernel
+def _radius(b, s, j):
+    """Return the half-width of one of the gaps that share the play, evenly spread about b."""
+    return b * (1.0 + s * ((2.0 * j + 1.0) / N_GAPS - 1.0))
 
 
 @kernel
 def _plays_run(values, b, s):
     """Return the mean of the gaps' play operators along values; they start centred on the first."""
     out = np.empty(values.size)
-    w = np.full(N_PARALLEL, values[0])
+    w = np.full(N_GAPS, values[0])
     for k in range(values.size):
         total = 0.0
-        for j in range(N_PARALLEL):
-            w[j] = play_step(w[j], values[k], reach(b, s, j))
+        for j in range(N_GAPS):
+            w[j] = play_step(w[j], values[k], _radius(b, s, j))
             total += w[j]
-        out[k] = total / N_PARALLEL
+        out[k] = total / N_GAPS
     return out
 
 
@@ -45,12 +51,12 @@ def _backlash_transform(signal, second, dt, theta, first):
 def _backlash(argument, rate, own, second, time, step, z, theta, dz):
     """z holds the followers, and last whether they have begun: centred where the motion begins."""
     total = 0.0
-    for j in range(N_PARALLEL):
-        before = z[j] if z[N_PARALLEL] > 0.0 else argument
-        dz[j] = play_step(before, argument, reach(theta[1], theta[2], j))
+    for j in range(N_GAPS):
+        before = z[j] if z[N_GAPS] > 0.0 else argument
+        dz[j] = play_step(before, argument, _radius(theta[1], theta[2], j))
         total += dz[j]
-    dz[N_PARALLEL] = 1.0
-    return theta[0] * (total / N_PARALLEL - argument)
+    dz[N_GAPS] = 1.0
+    return theta[0] * (total / N_GAPS - argument)
 
 
 def _backlash_starts(setting: Setting) -> np.ndarray:
@@ -165,7 +171,7 @@ def _stiction_starts(setting: Setting) -> np.ndarray:
 
 
 def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return plays(argument, *np.unique([reach(theta[1], theta[2], j) for j in range(N_PARALLEL)]))
+    return plays(argument, *np.unique([_radius(theta[1], theta[2], j) for j in range(N_GAPS)]))
 
 
 def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -198,7 +204,7 @@ CLEARANCE = (
         transform=_backlash_transform,
         output_port=False,
         argument="any",
-        n_memory=N_PARALLEL + 1,
+        n_memory=N_GAPS + 1,
         jumps=True,
         lookalikes=(
             "coulomb_friction",

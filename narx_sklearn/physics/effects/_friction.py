@@ -6,7 +6,6 @@ from narx_sklearn.model.phi import DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import of_difference, plays
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
-from narx_sklearn.physics.effects._parallel import N_PARALLEL, reach
 from narx_sklearn.physics.effects._starts import grid, quantiles, record_length, reverses, scaled, spread
 
 
@@ -62,19 +61,16 @@ def _stribeck(argument, rate, own, second, time, step, z, theta, dz):
 
 @kernel
 def _presliding(argument, rate, own, second, time, step, z, theta, dz):
-    """z holds the deflections of bristles, each over the displacement at which it slips."""
-    friction, rho, vs, tau, unequal = theta[0], theta[2], theta[3], theta[4], theta[5]
+    """Elasto-plastic bristle: z[0] is its deflection over the displacement `d` at which it slips."""
+    friction, rho, vs, tau = theta[0], theta[2], theta[3], theta[4]
     # neither the bristle's spring nor its damper is stiffer than a step can follow
     d = max(theta[1], friction * step * step)
     tau = min(tau, d / (friction * step)) if friction * step > 0.0 else tau
     limit = _stribeck_curve(argument, rho, vs, 2.0)
+    relaxation = min(abs(argument) / (d * limit), 1.0 / step)
     sliding = limit if argument > 0.0 else -limit
-    total = 0.0
-    for j in range(N_PARALLEL):
-        relaxation = min(abs(argument) / (reach(d, unequal, j) * limit), 1.0 / step)
-        dz[j] = (sliding - z[j]) * relaxation
-        total += z[j] + tau * dz[j]
-    return -friction * total / N_PARALLEL
+    dz[0] = (sliding - z[0]) * relaxation
+    return -friction * (z[0] + tau * dz[0])
 
 
 @kernel
@@ -123,12 +119,12 @@ def _stribeck_starts(setting: Setting) -> np.ndarray:
 def _presliding_starts(setting: Setting) -> np.ndarray:
     fast, size = spread(setting.rate), 0.1 * spread(setting.own)
     if not reverses(setting.argument) or fast == 0 or record_length(setting) < 10 * setting.dt:
-        return np.empty((0, 6))
+        return np.empty((0, 5))
     stroke = spread(setting.argument) ** 2 / fast  # amplitude of a sine of this speed and acceleration
     slips = np.maximum(np.array([0.03, 0.1, 0.3]) * stroke, 4 * size * setting.dt**2)
     vs = float(quantiles(np.abs(setting.argument), 0.3))
-    dahl = grid(np.unique(slips), [1.0], [vs], [0.0], [0.0])
-    lugre = grid([slips[1]], [1.4], [vs], [0.3 * np.sqrt(slips[1] / size) if size > 0 else 0.0], [0.0])
+    dahl = grid(np.unique(slips), [1.0], [vs], [0.0])
+    lugre = grid([slips[1]], [1.4], [vs], [0.3 * np.sqrt(slips[1] / size) if size > 0 else 0.0])
     return _dry_starts(setting, np.concatenate([dahl, lugre]))
 
 
@@ -227,25 +223,23 @@ FRICTION = (
         code="presliding_friction",
         title="Friction with presliding (Dahl, LuGre)",
         sentence="Friction gives way like a spring before it breaks loose.",
-        equation="-Fc (z + tau z'), z' = (v - |v| z/g)/d, g = 1 + (rho - 1) exp(-(v/vs)^2), the mean of four "
-        "with d from (1 - 3 s/4) d to (1 + 3 s/4) d; s = 0 is LuGre's, with rho = 1, tau = 0 Dahl's",
+        equation="-Fc (z + tau z'), z' = (v - |v| z/g)/d, g = 1 + (rho - 1) exp(-(v/vs)^2); "
+        "rho = 1, tau = 0 is Dahl's",
         parameters=(
             EffectParameter("Fc", "{port}", 0.0),
             EffectParameter("d", "{arg} s", 1e-15),
             EffectParameter("rho", "-", 1.0, 10.0),
             EffectParameter("vs", "{arg}", 1e-12),
             EffectParameter("tau", "s", 0.0),
-            EffectParameter("s", "-", 0.0, 1.0),
         ),
         starts=_presliding_starts,
         force=_presliding,
-        n_memory=N_PARALLEL,
+        n_memory=1,
         lookalikes=("coulomb_friction", "stribeck_friction", "bouc_wen_hysteresis", "prandtl_ishlinskii"),
         holds=("coulomb_friction", "asymmetric_friction", "stribeck_friction"),
         separate_by="a small sine below breakaway, and ramps at several rates",
         source="Dahl 1968, Aerospace Corp. TOR-0158(3107-18); Canudas de Wit, Olsson, Astrom and Lischinsky "
-        "1995, IEEE Trans. Autom. Control 40(3), eqs. (1)-(3), s0 = Fc/d; s2 v is viscous_damping; "
-        "Al-Bender, Lampaert and Swevers 2005, IEEE Trans. Autom. Control 50(11) (several elements)",
+        "1995, IEEE Trans. Autom. Control 40(3), eqs. (1)-(3), s0 = Fc/d; s2 v is viscous_damping",
         phi=_presliding_friction_phi,
     ),
     Effect(
