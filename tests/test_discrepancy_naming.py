@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
-from narx_sklearn.discrepancy.explain import Candidate, leaders, probe
+from narx_sklearn.discrepancy.explain import Candidate, leaders, probe, ranked
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
 from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
@@ -133,6 +133,20 @@ class TestAsked:
         assert named == {"gain_drift"}
         assert probe(problem, found, all_of_them, 0).statistic[all_of_them.owner == 0].max() > 0
         assert not probe(problem, found, all_of_them, 0).statistic[-1]
+
+
+class TestRanked:
+    def test_the_effect_that_explains_most_comes_first(self):
+        small = PlacedEffect(
+            CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.02,), argument_name="velocity"
+        )
+        problem, start = axis_problem([friction(0.3), small])
+        for effects in ((small, friction(0.3)), (friction(0.3), small)):
+            found = Candidate(fit(problem, start._replace(effects=effects)), problem.n_seen)
+            best = ranked(problem, found)
+            assert [e.effect.code for e in best.effects] == ["coulomb_friction", "constant_load"]
+            assert best.fit.cost <= found.fit.cost * (1 + 1e-9)
+            assert best.fit.model.q[2] == pytest.approx(0.3, rel=0.05)
 
 
 class TestDrift:

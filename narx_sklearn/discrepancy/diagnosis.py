@@ -17,6 +17,7 @@ from narx_sklearn.discrepancy.explain import (
     leaders,
     odd,
     probe,
+    ranked,
     refit_leaders,
     search,
 )
@@ -136,7 +137,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     unnamed = None
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
-        best = _converged(problem, likeliest(pool))
+        best = ranked(problem, _converged(problem, likeliest(pool)))
         leftover = _leftover(problem, best, structure, settings)
         # where the named form visibly leaves something, its look-alikes may leave as much, and some more
         visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0

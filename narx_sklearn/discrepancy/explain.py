@@ -310,9 +310,20 @@ def _driving(problem: Problem) -> np.ndarray:
 
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     """Return the set fitted without each of its members but the last."""
-    found = []
-    for i in range(len(candidate.effects) - 1):
-        effects = tuple(e for j, e in enumerate(candidate.effects) if j != i)
-        reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
-        found.append(Candidate(reduced, candidate.n_samples))
-    return found
+    return [_without(problem, candidate, i) for i in range(len(candidate.effects) - 1)]
+
+
+def ranked(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return the set with its members in order of what would be left unexplained without each, most first."""
+    if len(candidate.effects) < 2:
+        return candidate
+    costs = [_without(problem, candidate, i).fit.cost for i in range(len(candidate.effects))]
+    effects = tuple(candidate.effects[i] for i in np.argsort(costs, kind="stable")[::-1])
+    model = candidate.fit.model._replace(effects=effects)
+    return Candidate(fit(problem, model, iterations=1), candidate.n_samples)
+
+
+def _without(problem: Problem, candidate: Candidate, i: int) -> Candidate:
+    effects = tuple(e for j, e in enumerate(candidate.effects) if j != i)
+    reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
+    return Candidate(reduced, candidate.n_samples)
