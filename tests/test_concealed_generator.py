@@ -133,6 +133,15 @@ def test_nothing_concealed_leaves_nothing_but_noise():
     assert build_case(spec).fit.ratio < 0.01
 
 
+@pytest.mark.parametrize("w", [0.01, 0.3, 3.0])
+def test_a_sine_stands_out_of_coloured_noise_as_the_noise_is_weak_at_its_frequency(w):
+    sine = 0.1 * np.sin(w * np.arange(20_000))[:, None]
+    plain = noise.stands_out(sine, "white")
+    assert plain == pytest.approx(0.1 * np.sqrt(10_000), rel=1e-2)
+    power_of_noise = (1 - 0.9**2) / abs(1 - 0.9 * np.exp(-1j * w)) ** 2
+    assert noise.stands_out(sine, "ar1") == pytest.approx(plain / np.sqrt(power_of_noise), rel=1e-2)
+
+
 def test_a_mass_under_less_than_breakaway_stays_exactly_at_rest():
     site = MACHINES["mass_spring_damper"].sites[Code.coulomb_friction][0]
     theta = np.array([2.0, 0, 0, 0, 0, 0, 0, 0])  # m/s^2; the drive makes 5 N/V / 1.2 kg * 0.4 V = 1.67

@@ -51,7 +51,7 @@ def judge(truth: dict, verdict: dict, arrays, runs, recording) -> dict:
         "named": "+".join(named) or verdict["verdict"],
         "seconds": verdict["seconds"],
         "failed": float(verdict["verdict"] == "error"),
-        "oracle_z": min(truth["oracle"]["z_scores"], default=None),
+        "oracle_z": _oracle_z(truth),
         "confidence": _confidence(verdict),
     }
     if not true:
@@ -60,6 +60,12 @@ def judge(truth: dict, verdict: dict, arrays, runs, recording) -> dict:
         row |= _judge_names(true, catalogued, verdict, named, possible)
         row |= _judge_place(truth, verdict, arrays, recording)
     return row | _judge_fit(truth, runs, arrays)
+
+
+def _oracle_z(truth):
+    """Return how clearly the truth stands out of the noise: in its colour, where there is one effect only."""
+    scores = truth["oracle"]["z_scores"]
+    return truth["oracle"]["z_in_colour"] if len(scores) == 1 else min(scores, default=None)
 
 
 def _judge_null(truth, verdict, named):

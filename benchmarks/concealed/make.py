@@ -14,6 +14,7 @@ import pandas as pd
 
 from benchmarks.concealed.case import Case, UnreachableError, build_case
 from benchmarks.concealed.cells import recipes
+from benchmarks.concealed.noise import stands_out
 from benchmarks.concealed.oracle import refit_error, refit_truth
 from benchmarks.concealed.regions import activity
 from benchmarks.concealed.sealing import sha256, write_json
@@ -171,7 +172,11 @@ def _write_truth(case, name, folder):
         "constants": rig.constants,
         "guess": case.guess,
         "refitted": fit.parameters,
-        "oracle": {"z_scores": oracle.z_scores, "errors": oracle.errors},
+        "oracle": {
+            "z_scores": oracle.z_scores,
+            "z_in_colour": stands_out(fit.residual, spec.noise),
+            "errors": oracle.errors,
+        },
         "refit_errors": {k: refit_error(case, r) for k, r in case.heldout.items()},
         "n_samples": n,
     }

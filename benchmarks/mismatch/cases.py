@@ -132,8 +132,8 @@ def cascaded_tanks() -> Case:
     """Two tanks that drain by Torricelli's law; left out: the overflow.
 
     More than that is wrong: the sensor ends at 10 V, and pump and outlets are idealised. So three effects may
-    be named. The upper level is never measured, so its unit is free: it is counted such that what leaves the upper
-    tank raises the lower one as much.
+    be named. The upper level is never measured, so its unit is free: it is counted such that what leaves the
+    upper tank raises the lower one as much.
     """
     data = fetch_cascaded_tanks()
     simulator = ODESimulator(
