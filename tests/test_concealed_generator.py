@@ -272,7 +272,7 @@ def truth_of(*effects, cell="T2", noise="white"):
         "noise": noise,
         "seed": [0, 1],
         "effects": rows,
-        "oracle": {"z_scores": [5.0], "z_in_colour": 9.0 * len(rows)},
+        "oracle": {"z_scores": [5.0] * len(rows), "z_in_colour": 9.0},
         "parameters": {},
         "n_samples": 10,
     }
