@@ -211,7 +211,7 @@ class TestInScikitLearn:
 
 
 class TestRefusals:
-    u, y = np.ones(100), np.ones(100)
+    u, y = np.ones(100), np.arange(100.0)
 
     @pytest.mark.parametrize(
         ("settings", "words"),
@@ -242,6 +242,11 @@ class TestRefusals:
             dx.fit(np.ones((100, 2)), self.y)
         with pytest.raises(ValueError, match="y has 2 columns"):
             dx.fit(self.u, np.ones((100, 2)))
+
+    @pytest.mark.parametrize("value", [1.0, np.nan])
+    def test_an_output_that_never_moves_is_refused(self, value):
+        with pytest.raises(ValueError, match=r"No output of y moves.* Pass a record in which"):
+            DiscrepancyRegressor(nominal()).fit(self.u, np.full(100, value))
 
     def test_a_record_without_a_whole_window(self):
         with warnings.catch_warnings():

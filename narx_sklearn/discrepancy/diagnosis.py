@@ -120,6 +120,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if settings.window is None and not pace.forgets:
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
+    _check_finite(problem, refitted)
     rounding = FINEST * spread
     problem = problem.with_noise(Noise.white(np.maximum(_left_over(problem, refitted.residual), rounding)))
     refitted = fit(problem, refitted.model, iterations=2)
@@ -158,6 +159,23 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         tuple(steps),
         unnamed,
         pace.time_constant,
+    )
+
+
+def _check_finite(problem: Problem, refitted: Fit) -> None:
+    """Raise where a simulation leaves the finite range even in short windows, so nothing could be fitted."""
+    if np.isfinite(refitted.cost):
+        return
+    run, windows, dt = problem.run(refitted.model), problem.windows, problem.simulator.dt
+    with np.errstate(over="ignore"):
+        lost = problem.seen & ~np.isfinite(run.y[problem.rows] ** 2)
+    k = int(problem.rows[lost.any(axis=2)].min())
+    length = int(np.median(windows.last - windows.first))
+    raise ValueError(
+        f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
+        f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. Check the signs "
+        f"of its terms, its units and its dt={dt:.6g}; start from parameters with which it stays near the "
+        "recording; or pass a shorter window."
     )
 
 

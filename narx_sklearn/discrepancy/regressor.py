@@ -184,6 +184,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._check_settings()
         effects = self._chosen_effects()
         u, measured = self._read(X, y)
+        _check_motion(measured)
         fitting, held_out = self._split(u, sessions)
         self._tell("check of the record")
         simulator = self.simulator.identified(u, sessions=sessions)
@@ -549,6 +550,15 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _check_motion(y: np.ndarray) -> None:
+    largest, smallest = np.nanmax(y, axis=0, initial=-np.inf), np.nanmin(y, axis=0, initial=np.inf)
+    if not np.any(largest > smallest):
+        raise ValueError(
+            "No output of y moves: what is constant, or missing throughout, cannot be compared with a "
+            "simulation. Pass a record in which the machine moves."
+        )
 
 
 def _longer_than(n: int, pieces: list[tuple[slice, int]]) -> list[tuple[slice, int]]:

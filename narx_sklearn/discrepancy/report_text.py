@@ -17,6 +17,8 @@ def report_text(dx) -> str:
 
 def _what(dx) -> list[str]:
     lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
+    if dx.verdict_ == "unknown" and dx.findings_:
+        lines += ["What comes nearest:", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         title = finding.title[:1].upper() + finding.title[1:]
         lines.append(f"{i}. {title} {finding.place}.")

@@ -27,7 +27,10 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
     for k in np.linspace(0, x.shape[0] - 1, 5).astype(int):
         if not np.all(np.isfinite(x[k])):
             continue
-        eigenvalues = np.linalg.eigvals(state_jacobian(simulator, x[k], u[k]))
+        jacobian = state_jacobian(simulator, x[k], u[k])
+        if not np.all(np.isfinite(jacobian)):
+            continue
+        eigenvalues = np.linalg.eigvals(jacobian)
         if simulator.discrete:
             with np.errstate(divide="ignore"):
                 rates = np.log(np.abs(eigenvalues)) / simulator.dt
