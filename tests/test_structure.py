@@ -102,6 +102,7 @@ def test_candidates_are_as_many_as_the_formula_counts(n_y, n_u, degree):
         ({"input_lags": {"v": 1}}, r"input_lags names \['v'\]; the signals here are \['u'\]"),
         ({"input_lags": [[1], [1]]}, r"input_lags has 2 entries for the 1 signals \['u'\]"),
         ({"output_lags": 0, "input_lags": 0}, "No candidate term is left"),
+        ({"output_lags": 20, "degree": 9}, "degree=9 with 2. lagged variables makes .* at most 1,000,000"),
     ],
 )
 def test_what_gives_no_candidates_is_refused(options, message):

@@ -79,7 +79,8 @@ class FreeRunJudge:
             return DIVERGED_SCORE
         measured = self.y[scored]
         weight = np.ones(measured.shape[0]) if self.weight is None else self.weight[scored]
-        error = weight @ (measured - simulated) ** 2
+        with np.errstate(over="ignore"):  # an infinite error has the score of a divergence
+            error = weight @ (measured - simulated) ** 2
         centred = measured - weight @ measured / weight.sum()
         scatter = weight @ centred**2
         # as scikit-learn has it: a constant output is predicted either exactly (1) or not (0)

@@ -6,9 +6,11 @@ from numbers import Integral
 
 from narx_sklearn._validation import check_lags
 from narx_sklearn.model.phi import Phi
-from narx_sklearn.model.terms import Term, TermLibrary, Variable, signal_order
+from narx_sklearn.model.terms import Term, TermLibrary, Variable, count_candidates, signal_order
 
 __all__ = ["STRUCTURES", "cluster_text", "exclude_clusters", "structure_filter"]
+
+MOST_CANDIDATES = 1_000_000  # terms of a library: beyond, its terms alone take minutes and gigabytes
 
 Keep = Callable[[Term], bool]
 
@@ -125,6 +127,12 @@ def candidate_library(
             check_lags(lags, "phi_lags", smallest=1) if of_output else _input_lags(lags, "phi_lags", first)
         )
         variables += [Variable(name, lag) for lag in chosen]
+    count = count_candidates(len(variables), int(degree))
+    if count > MOST_CANDIDATES:
+        raise ValueError(
+            f"degree={degree} with {len(variables)} lagged variables makes {count:,} candidate terms; at "
+            f"most {MOST_CANDIDATES:,} can be searched. Lower degree, output_lags or {lags_name}."
+        )
     library = TermLibrary.polynomial(variables, int(degree), include_constant=include_constant).filter(keep)
     if not len(library):
         raise ValueError(

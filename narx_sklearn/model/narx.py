@@ -364,7 +364,10 @@ class NARXModel:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise ModelFormatError(f"{path} is not JSON: {error}.") from error
-        return cls.from_dict(content, functions)
+        try:
+            return cls.from_dict(content, functions)
+        except ModelFormatError as error:
+            raise ModelFormatError(f"{path}: {error}") from error
 
 
 def replace_name(phi: Phi, name: str) -> Phi:
