@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 import stat
 import subprocess
@@ -19,6 +20,7 @@ import narx_sklearn
 from narx_sklearn import DiscrepancyRegressor
 from narx_sklearn.cli import _demo, _excite, main
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
+from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
 from narx_sklearn.cli._progress import progress, write_beside
@@ -75,6 +77,14 @@ def feed(monkeypatch, text):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
 
 
+def first_order(n_samples):
+    rng = np.random.default_rng(0)
+    u, y = rng.uniform(-1, 1, n_samples), np.zeros(n_samples)
+    for k in range(1, n_samples):
+        y[k] = 0.5 * y[k - 1] + 2 * u[k - 1] + 0.05 * rng.normal()
+    return pd.DataFrame({"u": u, "y": y})
+
+
 def table(text):
     return pd.read_csv(io.StringIO(text))
 
@@ -106,7 +116,7 @@ def test_help_waits_for_no_numerics():
     ("arguments", "message"),
     [
         ([], "required: command"),
-        (["diagnos"], "invalid choice"),
+        (["diagnos"], "invalid choice: 'diagnos' (choose from 'diagnose', "),
         (["diagnose", "{bench}", "--dt", "0"], "must be positive"),
         (["diagnose", "{bench}", "--dt", "0,01"], "write decimals with a point"),
         (["diagnose", "{bench}"], "Say it with --y-sim"),
@@ -152,7 +162,9 @@ def test_help_waits_for_no_numerics():
 def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message, capsys):
     names = {"bench": str(bench / "bench.csv"), "servo": str(bench / "servo.py")}
     assert main([argument.format(**names) for argument in arguments]) == 2
-    assert message in capsys.readouterr().err
+    *_, sentence, way = capsys.readouterr().err.splitlines()
+    assert message in sentence
+    assert way.startswith("Try: narx-sklearn")
 
 
 @pytest.mark.parametrize(
@@ -178,7 +190,11 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
             "not enough memory",
         ),
         (["diagnose", "{bench}", "--json", "absent/a.json"], "there is no folder absent"),
-        (["compensate", "{bench}", "--model", "absent.json"], "absent.json"),
+        (
+            ["identify", "{bench}", "--output-lags=20", "--input-lags=20", "--degree=9"],
+            "degree=9 with 40 lagged variables makes 2,054,455,634 candidate terms; at most 1,000,000",
+        ),
+        (["compensate", "{bench}", "--model", "absent.json"], "Cannot read the model absent.json: No such"),
         (["compensate", "{bench}", "--model", "{servo}"], "is not JSON"),
     ],
 )
@@ -196,10 +212,24 @@ def test_a_model_file_that_raises_is_named(tmp_path, bench, capsys):
     assert "raised ModuleNotFoundError" in capsys.readouterr().err
 
 
-def test_an_error_inside_the_equations_tells_the_line_of_the_model_file(tmp_path, bench, capsys):
-    (tmp_path / "typo.py").write_text(SERVO.replace("p[2] * x[0]", "p[7] * x[0]"))
-    assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "typo.py")]) == 1
-    assert "typo.py, line 5, raised ValueError" in capsys.readouterr().err
+def test_an_error_inside_the_equations_tells_the_line_of_the_model_file(tmp_path, bench, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("typo.py").write_text(SERVO.replace("p[2] * x[0]", "p[7] * x[0]"))
+    for path in ("typo.py", str(tmp_path / "typo.py")):
+        assert main(["diagnose", str(bench / "bench.csv"), "--model", path]) == 1
+        assert "typo.py, line 5, raised ValueError" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("equation", "sample"), [("p[0] * u[0] + 90 * x[1]", r"\d\d"), ("p[0] * u[0] + math.nan", "1")]
+)
+def test_a_simulation_that_diverges_says_where(tmp_path, bench, capsys, equation, sample):
+    text = SERVO.replace("p[0] * u[0] - p[1] * x[1] - p[2] * x[0]", equation)
+    (tmp_path / "diverges.py").write_text(f"import math\n{text}")
+    assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "diverges.py")]) == 1
+    told = capsys.readouterr().err
+    assert re.search(rf"The simulation diverges: .* first at sample {sample} of the record", told)
+    assert "Check the signs of its terms" in told
 
 
 def test_a_model_file_that_ends_the_program_is_named(tmp_path, bench, capsys):
@@ -466,6 +496,34 @@ def test_identify_without_lags_chooses_them(monkeypatch, capsys):
     assert "held out free run nrmse" in said.err  # words go beside what a program reads
 
 
+def test_a_record_of_twenty_samples_gives_a_model_whose_residuals_are_not_tested(monkeypatch, capsys):
+    feed(monkeypatch, first_order(20).to_csv(index=False))
+    assert main(["identify", "-", "--quiet"]) == 0
+    told = capsys.readouterr().out
+    assert "y[k] = " in told
+    assert "The residuals could not be tested. The record has 15 usable samples" in told
+
+
+def test_a_record_that_tells_nothing_is_refused(monkeypatch, capsys):
+    still = first_order(60).assign(y=2.5)
+    halting = first_order(60)
+    halting.loc[40:, "y"] = 1.0
+    for record, message in [
+        (first_order(2), "The record has 2 samples, 2 of them to identify a model from; at least 10"),
+        (still, "Output 'y' of standard input is 2.5 in every row"),
+        (halting, "An output stands still all through the held-out part"),
+    ]:
+        feed(monkeypatch, record.to_csv(index=False))
+        assert main(["identify", "-", "--quiet"]) == 1
+        assert message in capsys.readouterr().err
+
+
+def test_a_warning_that_arises_many_times_is_told_once(monkeypatch, capsys):
+    feed(monkeypatch, first_order(60).assign(u=1.0).to_csv(index=False))
+    assert main(["identify", "-", "--quiet"]) == 0
+    assert capsys.readouterr().err.count("u is constant in this record") == 1
+
+
 def test_compensate_keeps_the_limits_and_tells_so(model, monkeypatch, capsys):
     feed(monkeypatch, "r;load\n0,0;1,0\n0,0;1,0\n5,0;1,0\n5,0;1,0\n")
     assert main(["compensate", "-", "--model", model, "--limits", "-1", "1", "--r", "r"]) == 0
@@ -518,6 +576,20 @@ def test_diagnose_takes_a_simulated_trace_with_semicolons_and_decimal_commas(ben
     assert "position[k-1]" in {row["parameter"] for row in content["parameters"]}  # the twin's
     assert "decimal comma" in said.err
     assert "Verdict:" in said.err
+
+
+def test_a_trace_that_diverges_is_refused_and_one_in_another_unit_is_not(bench, capsys, tmp_path):
+    record = pd.read_csv(bench / "bench.csv").assign(y_sim=lambda table: table["position [m]"])
+    growing = 1.1 ** np.arange(len(record))
+    record.assign(y_sim=growing).to_csv(tmp_path / "grows.csv", index=False)
+    columns = ["--u", "drive", "--y", "position"]
+    assert main(["diagnose", str(tmp_path / "grows.csv"), *columns]) == 1
+    told = capsys.readouterr().err
+    spread = np.ptp(record["position [m]"])
+    row = int(np.log(1e6 * spread) / np.log(1.1)) + 2  # rows count from 1
+    assert f"'y_sim' has diverged: it is {growing[row - 1]:.3g} in row {row} of the values" in told
+    y = record[["position [m]"]]
+    check_trace(y * 1e9, y)
 
 
 def test_demo_names_its_friction_and_writes_a_report(tmp_path, capsys, monkeypatch):

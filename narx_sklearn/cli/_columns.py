@@ -67,6 +67,7 @@ def read_recording(source: str, options, *, simulated: bool = False, inputs=(), 
     notes = [*sampled.notes, f"Inputs: {', '.join(u)}. Outputs: {', '.join(y)}."]
     chosen = pd.concat([u, y] + ([y_sim] if y_sim is not None else []), axis=1)
     _check_values(chosen, table.source)
+    _check_motion(y, table.source)
     missing = int(chosen.isna().any(axis=1).sum())
     if missing:
         notes.append(
@@ -157,6 +158,15 @@ def _check_values(frame: pd.DataFrame, source: str) -> None:
             )
         if values.isna().all():
             raise DataError(f"Column {label!r} of {source} holds no number at all.")
+
+
+def _check_motion(y: pd.DataFrame, source: str) -> None:
+    for label, values in y.items():
+        if values.min() == values.max():
+            raise DataError(
+                f"Output {label!r} of {source} is {values.max():g} in every row: nothing can be learnt from "
+                "what never moves. Name another column with --y, or pass a record in which it moves."
+            )
 
 
 def last_part(sessions: np.ndarray, share: float) -> np.ndarray:

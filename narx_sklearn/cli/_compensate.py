@@ -38,7 +38,7 @@ def run(options) -> None:
     limits = None if options.limits is None else tuple(options.limits)
     compensator = METHODS[options.method](limits=limits, rate_limit=options.rate_limit)
     if options.model is not None:
-        model = NARXModel.load(options.model)
+        model = _load_model(options.model)
         compensator.set_params(model=model).fit()
         name, unit = model.inputs[0], model.units.get(model.inputs[0])
         label = f"{name} [{unit}]" if unit else name
@@ -68,6 +68,15 @@ def run(options) -> None:
             notes.append(f"At {count} of {counts.samples} samples {what}.")
     tell_notes(notes, options.quiet)
     write_columns(options.output, {**columns, label: done.m})
+
+
+def _load_model(path: str) -> NARXModel:
+    try:
+        return NARXModel.load(path)
+    except OSError as error:
+        raise DataError(
+            f"Cannot read the model {path}: {error.strerror}. Pass what `identify --save` wrote."
+        ) from error
 
 
 def _read_reference(options):

@@ -3,6 +3,9 @@
 import math
 from importlib.util import find_spec
 
+import numpy as np
+import pandas as pd
+
 from narx_sklearn.cli._columns import Recording, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
@@ -24,6 +27,7 @@ STAGES = {  # share of the time, in per cent, that has usually passed when a sta
     "experiment that would tell": 86,
     "report": 88,
 }
+FAR = 1e6  # times the usual size of a simulated output, beyond which it has diverged
 SAME_PERIOD = 0.01  # relative difference up to which the periods of record and simulator are one
 
 
@@ -117,8 +121,23 @@ def _trace(recording: Recording) -> TraceSimulator:
             "The sampling period is not known: pass --dt in seconds, or name the time column with --time."
         )
     assert recording.y_sim is not None  # reading has refused a record without it
+    check_trace(recording.y_sim, recording.y)
     y_sim = recording.y_sim.set_axis(recording.y.columns, axis=1)  # the outputs' names and units
     return TraceSimulator(y_sim, recording.u, dt=recording.dt, sessions=recording.sessions)
+
+
+def check_trace(y_sim: pd.DataFrame, y: pd.DataFrame) -> None:
+    """Raise where a simulated output has left the recorded one behind; in another unit all of it is far."""
+    for label, measured in zip(y_sim, y, strict=True):
+        size = y_sim[label].abs().to_numpy()
+        low, high, largest = y[measured].min(), y[measured].max(), np.nanmax(size)
+        if largest > FAR * max(np.nanmedian(size), high - low):
+            row = int(np.argmax(size > FAR * (high - low)))
+            raise DataError(
+                f"Simulated output {label!r} has diverged: it is {size[row]:.3g} in row {row + 1} of the "
+                f"values and goes to {largest:.3g}, while {measured!r} lies in {low:.3g} to {high:.3g}. "
+                "Pass the rows before, or mend the simulation (signs, units, step)."
+            )
 
 
 def _checked(simulator, recording: Recording):

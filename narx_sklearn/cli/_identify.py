@@ -15,6 +15,7 @@ from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import free_run, predict_one_step
 
 STAGES = {"identification": 0, "free run": 95, "residual tests": 96}  # per cent of the time, as measured
+FEWEST = 10  # samples from which a model is identified
 EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
 
 
@@ -29,6 +30,11 @@ def run(options) -> None:
     recording = read_recording(options.record, options)
     tell_notes(recording.notes, options.quiet)
     held_out = last_part(recording.sessions, options.test_fraction)
+    if np.sum(~held_out) < FEWEST:
+        raise DataError(
+            f"The record has {held_out.size} samples, {np.sum(~held_out)} of them to identify a model from; "
+            f"at least {FEWEST} are wanted. Pass a longer record, or a smaller --test-fraction."
+        )
     with progress(STAGES, quiet=options.quiet) as begin:
         begin("identification")
         narx = identify(recording, ~held_out, options)
@@ -93,6 +99,11 @@ def _metrics(narx, recording: Recording, held_out: np.ndarray) -> dict[str, floa
             f"The {where.replace('_', '-')} part has no sample whose {narx.model_.max_lag} predecessors are "
             "all known. Pass a longer record, or another --test-fraction."
         )
+    if np.ptp(y[known], axis=0).min() == 0:
+        raise DataError(
+            f"An output stands still all through the {where.replace('_', '-')} part, so no error is relative "
+            "to its motion. Pass another --test-fraction."
+        )
     y, simulated, predicted = y[known], simulated[known], predicted[known]
     simulated = np.nan_to_num(simulated, nan=np.inf)  # where the run has left the finite range
     return {
@@ -110,6 +121,13 @@ def _tests(narx, recording: Recording, chosen: np.ndarray) -> str:
     for label, residual, output in zip(recording.y, residuals.T, y.T, strict=True):
         said = "The model leaves nothing over: its residuals are zero to rounding."
         if np.nanstd(residual) > EXACT * np.nanstd(output):
-            said = residual_tests(residual, X, output, sessions=sessions, n_resamples=199).verdict
+            said = _tested(residual, X, output, sessions)
         told.append(f"{label}: {said}" if y.shape[1] > 1 else said)
     return "\n".join(told)
+
+
+def _tested(residual, X, output, sessions) -> str:
+    try:
+        return residual_tests(residual, X, output, sessions=sessions, n_resamples=199).verdict
+    except ValueError as error:  # a record that is short can give a model all the same
+        return f"The residuals could not be tested. {error}"

@@ -4,7 +4,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from narx_sklearn.cli._errors import DataError, UsageError
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", NarxWarning)
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _warning_teller()
             import_module(f"narx_sklearn.cli.{options.module}").run(options)
             if sys.stdout is not None:
                 sys.stdout.flush()
@@ -75,6 +75,13 @@ def _tell(options, error: BaseException, sentence: str, code: int) -> int:
     return code
 
 
-def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    if issubclass(category, NarxWarning):
-        write_beside(f"{PROGRAM}: warning: {message}")
+def _warning_teller() -> Callable:
+    """Return what shows warnings: those of the package, each sentence once, wherever it arose."""
+    told = set()
+
+    def tell(message, category, filename, lineno, file=None, line=None) -> None:
+        if issubclass(category, NarxWarning) and str(message) not in told:
+            told.add(str(message))
+            write_beside(f"{PROGRAM}: warning: {message}")
+
+    return tell

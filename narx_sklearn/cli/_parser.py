@@ -1,6 +1,7 @@
 """What the command line takes. Nothing is imported here that help would have to wait for."""
 
 import argparse
+from typing import NoReturn
 
 from narx_sklearn import __version__
 
@@ -64,9 +65,16 @@ examples:
 """
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in a line, and where all options are told, instead of listing them."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\nTry: {self.prog} --help\n")
+
+
 def make_parser(program: str) -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=program,
         description="Find what a simulation lacks, identify models of real machines, compensate them.",
         epilog="exit codes: 0 all is well, 1 data or a file cannot be used, 2 wrong use, 130 interrupted.",

@@ -88,7 +88,9 @@ def _last_line(error: BaseException, path: Path) -> int | None:
     while error.__cause__ is not None:
         error = error.__cause__
     lines = [
-        frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).resolve() == path.resolve()
     ]
     return lines[-1] if lines else None
 
