@@ -11,6 +11,7 @@ from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
 from narx_sklearn.discrepancy.explain import Candidate, leaders, probe, ranked
+from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
 from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
@@ -245,7 +246,7 @@ class TestPlaces:
         )
         assert found.findings_[0].effect == "load_friction"
         assert found.simulator_.effects[0].second_name in ("motor - load", "load - motor")
-        assert " [rad/s], and " in found.findings_[0].argument
+        assert ", L = " in found.findings_[0].argument
 
 
 class TestLookAlikes:
@@ -358,3 +359,21 @@ class TestExactSimulations:
         assert found.verdict_ == verdict
         assert not found.findings_
         assert found.p_value_ == 1.0
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "argument"),
+    [
+        ("coulomb_friction", "state", "v = signal [m]"),
+        ("root_outflow", "state", "x = signal [m]"),
+        ("overflow", "state", "s = signal [m]"),
+        ("cubic_stiffness", "state", "x = signal [m]"),
+        ("backlash", "input", "s = signal [m]"),
+        ("backlash", "state", "x = signal [m]"),
+        ("sensor_clip", "output", "s = signal [m]"),
+        ("constant_load", "state", ""),
+    ],
+)
+def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
+    placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
+    assert argument_told(placed) == argument

@@ -1,5 +1,7 @@
 """From fitted effects to findings in words and units."""
 
+import re
+
 import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit
@@ -13,8 +15,11 @@ from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
 
 
+SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
+
+
 def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> list[Finding]:
-    """Return the findings of a diagnosis, in the order in which the effects were found."""
+    """Return the findings of a diagnosis, those first that explain most."""
     best, base = told(diagnosis), diagnosis.refitted
     if not best.effects:
         return []
@@ -35,7 +40,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
                 equation=placed.effect.equation,
                 port=str(placed.port),
                 place=place_in_words(placed, simulator),
-                argument=_depends_on(placed),
+                argument=argument_told(placed),
                 parameters=dict(zip(names, (float(v) for v in placed.theta), strict=True)),
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
@@ -111,13 +116,17 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     return f"on the {kind} {signal.name}"
 
 
-def _depends_on(placed: PlacedEffect) -> str:
-    """Return the argument with its unit, and the second one where it has a name."""
-    argument = _with_unit(placed.argument_name, placed.argument_unit)
-    return (
-        f"{argument}, and {_with_unit(placed.second_name, placed.second_unit)}" if placed.second else argument
-    )
+def argument_told(placed: PlacedEffect) -> str:
+    """Return what the equation's letters stand for: "v = velocity [m/s]"; empty where it has no letter."""
+    letters = "sx" if placed.port.kind != "state" else "vxs" if placed.effect.argument == "own" else "xs"
+    told = [_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit)]
+    if placed.second:
+        told.append(_letter(placed.effect.equation, SECOND_LETTERS, placed.second_name, placed.second_unit))
+    return ", ".join(filter(None, told))
 
 
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
+def _letter(equation: str, letters: str, name: str, unit: str) -> str:
+    for letter in letters:
+        if re.search(rf"\b{letter}\b", equation):
+            return f"{letter} = {name}{f' [{unit}]' if unit else ''}"
+    return ""

@@ -24,7 +24,7 @@ def _what(dx) -> list[str]:
         lines.append(f"{i}. {title} {finding.place}.")
         lines.append(f"   {finding.sentence}")
         if finding.equation:
-            lines.append(f"   {finding.equation}, x = {finding.argument}")
+            lines.append(f"   {finding.equation}" + (f", {finding.argument}" if finding.argument else ""))
         for name, value in finding.parameters.items():
             low, high = finding.intervals[name]
             unit = finding.units[name]

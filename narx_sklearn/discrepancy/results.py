@@ -39,7 +39,8 @@ class Finding:
     place : str
         The same in words.
     argument : str
-        The signal it depends on, with unit, and the second one where it depends on two.
+        The signals it depends on, with units, by their letters in the equation: ``"v = rate [m/s]"``; empty
+        where the equation has none.
     parameters : dict
         Values by name.
     intervals : dict
