@@ -183,6 +183,16 @@ class TestNoise:
         assert noise.sigma[0] == pytest.approx(1.0, abs=0.03)
         assert noise.coefficients[0].sum() == pytest.approx(rho, abs=0.05)
 
+    def test_an_output_known_at_every_second_sample_has_white_noise(self):
+        # no sample has the one before it: under an autoregression none would count
+        rng = np.random.default_rng(0)
+        r = 3.0 + rng.normal(size=(4, 400, 1))
+        known = np.zeros(r.shape, dtype=bool)
+        known[:, ::2] = True
+        noise = estimate_noise(np.where(known, r, 0.0), known)
+        assert noise.order == 0
+        assert noise.sigma[0] ** 2 == pytest.approx(10.0, rel=0.1)  # 4.5 standard errors
+
     def test_whitening_removes_what_it_modelled(self):
         problem, _ = make_problem()
         coloured = problem.with_noise(Noise((np.array([0.5]),), np.array([2.0])))

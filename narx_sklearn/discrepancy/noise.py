@@ -130,14 +130,15 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
 
 def _with_moving_average(r: np.ndarray, known: np.ndarray):
     """Return (BIC, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}, by conditional least squares."""
-    n = int(known[:, 1:].sum())
+    pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
+    n = int(pairs.sum())
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
 
     def cost(values) -> float:
         a, b = values
         moved = r[:, 1:] - a * r[:, :-1]
-        e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, known[:, 1:])
+        e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, pairs)
         return float(np.sum(e**2))
 
     starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]
