@@ -202,6 +202,7 @@ def test_resampling_fills_no_missing_value(tmp_path):
         ("u,y\n1,2\n3,x4\n5,6\n7,8\n", r"line 3, column 'y': 'x4' is not a number"),
         ("u,y\n1,2\n3,4,5\n6,7\n8,9\n", "line 3 has 3 values, the lines before 2"),
         ("u,u\n1,2\n3,4\n", "two columns named 'u'"),
+        ('u,y\n"1,2\n', "quotation mark that is opened and never closed"),
     ],
 )
 def test_a_table_that_cannot_be_read_says_where(tmp_path, text, message):

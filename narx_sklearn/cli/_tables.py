@@ -210,6 +210,8 @@ def _line_of(row: int, text: str, layout: Layout) -> int:
 
 
 def _ragged(error: Exception, layout: Layout, source: str) -> str:
+    if "EOF inside string" in str(error):
+        return f"{source} has a quotation mark that is opened and never closed; close it, or take it out."
     found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
     if not found:
         return f"{source} cannot be read as a table: {error}."
