@@ -230,7 +230,7 @@ def _where(dx, material: Material, outputs) -> dict:
     figures.append(_state_figure(dx, material, column, seen))
     unit = material.simulator.outputs[column].unit
     difference = difference_table(t[:last], residual[:last], unit)
-    return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_)}
+    return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_, material)}
 
 
 def _relative_error(material: Material) -> np.ndarray:
@@ -264,7 +264,7 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
     return _figure(state_plane(a, b, size, *labels, caption), caption)
 
 
-def _location_tables(location) -> list[TableText]:
+def _location_tables(location, material: Material) -> list[TableText]:
     segments = {
         "start_s": "from [s]",
         "stop_s": "to [s]",
@@ -297,15 +297,32 @@ def _location_tables(location) -> list[TableText]:
         "p_value": "p",
     }
     kept = location.bands[location.bands["kept"]]
+    events = [_by_name(event, material.simulator.inputs) for event in location.segments["event"]]
+    stretches = location.segments.assign(event=events)
     tables = [
         to_table(
             location.regions, "Regions of operation that hold more of the error than of the time", regions
         ),
         to_table(location.ports, "Where in the equations it enters, best first", ports),
-        to_table(location.segments, "Stretches of time with more error than the rest", segments),
+        to_table(stretches, "Stretches of time with more error than the rest", segments),
         to_table(kept, "Frequencies above the noise", bands),
     ]
     return [table for table in tables if table.rows]
+
+
+def _by_name(event: str, inputs) -> str:
+    """Return an event such as "step of input 0" with the input's name for its number.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.simulator import Signal
+    >>> from narx_sklearn.report._render import _by_name
+    >>> inputs = [Signal("drive", "V")]
+    >>> [_by_name(event, inputs) for event in ("step of input 0", "begin of record")]
+    ['step of drive', 'begin of record']
+    """
+    kind, _, i = event.rpartition(" of input ")
+    return f"{kind} of {inputs[int(i)].name}" if kind else event
 
 
 def _what(dx, material: Material) -> list[dict]:
