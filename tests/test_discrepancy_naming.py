@@ -377,3 +377,14 @@ class TestExactSimulations:
 def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
     placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
     assert argument_told(placed) == argument
+
+
+def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.01,))
+    pair = fit(problem, base.model._replace(effects=(friction(0.4), load)))
+    two = Candidate(pair, problem.n_seen)
+    better = pair._replace(cost=0.999 * pair.cost, model=pair.model._replace(effects=(friction(0.4),)))
+    assert _decide(base, two, (), None, (1.0, 0.0), 0.005) == "explained"
+    assert _decide(base, two, (), Candidate(a_little_better, problem.n_seen), (1.0, 0.0), 0.005) == "unknown"

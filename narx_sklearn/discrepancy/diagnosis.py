@@ -367,6 +367,8 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
     if unnamed is not None and unnamed.criterion < best.criterion:
+        if several:
+            return "unknown"  # one curve does better than two names: they only stand in for it
         more = best.fit.cost - unnamed.fit.cost
         if more > share * (refitted.cost - unnamed.fit.cost):
             return "unknown"

@@ -14,7 +14,6 @@ from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
 
-
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
