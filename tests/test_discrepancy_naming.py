@@ -387,4 +387,4 @@ def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
     two = Candidate(pair, problem.n_seen)
     better = pair._replace(cost=0.999 * pair.cost, model=pair.model._replace(effects=(friction(0.4),)))
     assert _decide(base, two, (), None, (1.0, 0.0), 0.005) == "explained"
-    assert _decide(base, two, (), Candidate(a_little_better, problem.n_seen), (1.0, 0.0), 0.005) == "unknown"
+    assert _decide(base, two, (), Candidate(better, problem.n_seen), (1.0, 0.0), 0.005) == "unknown"
