@@ -138,14 +138,23 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     unnamed = None
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
-        best = ranked(problem, _converged(problem, likeliest(pool)))
-        leftover = _leftover(problem, best, structure, settings)
-        # where the named form visibly leaves something, its look-alikes may leave as much, and some more
-        visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
-        tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
-        alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
-        unnamed = _unnamed(problem, refitted, best, structure, settings)
-        verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
+
+        def judged(best: Candidate):
+            leftover = _leftover(problem, best, structure, settings)
+            # where the named form visibly leaves something, its look-alikes may leave as much, and some more
+            visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
+            tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
+            alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
+            unnamed = _unnamed(problem, refitted, best, structure, settings)
+            verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
+            return verdict, best, alternatives, unnamed
+
+        found = judged(ranked(problem, _converged(problem, likeliest(pool))))
+        if found[0] == "unknown" and len(found[1].effects) > 1 and not _outdone(found[1], found[3]):
+            # what goes with it has no name; the effect that explains most may have one
+            alone = judged(_converged(problem, likeliest([c for c in pool if len(c.effects) == 1])))
+            found = alone if alone[0] != "unknown" else found
+        verdict, best, alternatives, unnamed = found
     return Diagnosis(
         verdict,
         problem,
@@ -356,6 +365,10 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     return detection.p_value, max(curve_gain, named_gain) - by_chance
 
 
+def _outdone(best: Candidate, unnamed: Candidate | None) -> bool:
+    return unnamed is not None and unnamed.criterion < best.criterion
+
+
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
     taken_off = refitted.cost - best.fit.cost
@@ -366,7 +379,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
         return "unknown"
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
-    if unnamed is not None and unnamed.criterion < best.criterion:
+    if unnamed is not None and _outdone(best, unnamed):
         if several:
             return "unknown"  # one curve does better than two names: they only stand in for it
         more = best.fit.cost - unnamed.fit.cost

@@ -217,7 +217,8 @@ def search(
     """Add effects one after another while the test finds something left; return the steps taken.
 
     The best few sets of each depth are carried on, since one effect can mask another, and every set found is
-    tried without each of its older members. ``known`` are single effects that were fitted before.
+    tried without each of its older members. Beside another effect, none is named at a place where one does
+    not meet it. ``known`` are single effects that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -225,7 +226,11 @@ def search(
         pool: list[Candidate] = []
         for rank, candidate in enumerate(beam):
             taken = {effect.place for effect in candidate.effects}
-            hypotheses = [h for h in make_hypotheses(candidate.fit) if h.placed.place not in taken]
+            hypotheses = [
+                h._replace(asked=h.asked and not (h.placed.odd and candidate.effects))
+                for h in make_hypotheses(candidate.fit)
+                if h.placed.place not in taken
+            ]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
             if dominated and not candidate.effects:
