@@ -388,3 +388,11 @@ def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
     better = pair._replace(cost=0.999 * pair.cost, model=pair.model._replace(effects=(friction(0.4),)))
     assert _decide(base, two, (), None, (1.0, 0.0), 0.005) == "explained"
     assert _decide(base, two, (), Candidate(better, problem.n_seen), (1.0, 0.0), 0.005) == "unknown"
+
+
+def test_noise_that_drifts_has_slow_power_and_never_lacks_it():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(4, 801, 1))
+    lacking = np.diff(white, axis=1)  # no slow power at all
+    noise = estimate_noise(lacking, np.ones(lacking.shape, dtype=bool))
+    assert not (noise.average[0] > noise.coefficients[0].max(initial=0.0))

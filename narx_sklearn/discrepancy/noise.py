@@ -129,24 +129,31 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
 
 
 def _with_moving_average(r: np.ndarray, known: np.ndarray):
-    """Return (BIC, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}, by conditional least squares."""
+    """Return (BIC, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}, by conditional least squares.
+
+    b is at most a: a drift adds slow noise. What lacks slow power has been fitted, and is no noise.
+    """
     pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
     n = int(pairs.sum())
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
 
+    def drift(values) -> tuple[float, float]:
+        return float(values[0]), float(min(values[0] * values[1], SLOWEST))
+
     def cost(values) -> float:
-        a, b = values
+        a, b = drift(values)
         moved = r[:, 1:] - a * r[:, :-1]
         e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, pairs)
         return float(np.sum(e**2))
 
     starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]
     found = min(
-        (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, SLOWEST)]) for start in starts),
+        (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, 1.0)]) for start in starts),
         key=lambda result: result.fun,
     )
     variance = found.fun / n
     # counted over all samples, as for the autoregression
     bic = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * np.log(n)
-    return bic, np.array([found.x[0]]), float(found.x[1]), variance
+    a, b = drift(found.x)
+    return bic, np.array([a]), b, variance
