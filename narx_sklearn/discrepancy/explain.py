@@ -266,19 +266,18 @@ def _confirmed(
 ) -> Detection:
     """Return the detection with the chance that what was found is noise of some colour.
 
-    Of what the criterion cannot tell from the best, the least chance counts.
+    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
     """
     if not found:
         return detection
     without, n_tried = deviance(problem, base.fit.model), len(bank.hypotheses)
-    chance = min(
-        chance_of_noise(
-            without - deviance(problem, c.fit.model), n_tried, _shapes(c.effects[-1], problem, bank)
-        )
-        for c in found[:CONFIRMED]
-        if c.criterion <= found[0].criterion + UNTOLD
-    )
-    return detection._replace(p_value=max(detection.p_value, chance))
+    chances = []
+    for candidate in found[:CONFIRMED]:
+        if candidate.criterion <= found[0].criterion + UNTOLD:
+            effect = candidate.effects[-1]
+            gained = without - deviance(problem, candidate.fit.model) - ODD * effect.odd
+            chances.append(chance_of_noise(gained, n_tried, _shapes(effect, problem, bank)))
+    return detection._replace(p_value=max(detection.p_value, min(chances)))
 
 
 def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:
