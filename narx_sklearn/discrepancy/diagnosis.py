@@ -150,7 +150,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             return verdict, best, alternatives, unnamed
 
         found = judged(ranked(problem, _converged(problem, likeliest(pool))))
-        if found[0] == "unknown" and len(found[1].effects) > 1 and not _outdone(found[1], found[3]):
+        if found[0] == "unknown" and len(found[1].effects) > 1:
             # what goes with it has no name; the effect that explains most may have one
             alone = judged(_converged(problem, likeliest([c for c in pool if len(c.effects) == 1])))
             found = alone if alone[0] != "unknown" else found
@@ -365,10 +365,6 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     return detection.p_value, max(curve_gain, named_gain) - by_chance
 
 
-def _outdone(best: Candidate, unnamed: Candidate | None) -> bool:
-    return unnamed is not None and unnamed.criterion < best.criterion
-
-
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
     taken_off = refitted.cost - best.fit.cost
@@ -379,7 +375,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
         return "unknown"
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
-    if unnamed is not None and _outdone(best, unnamed):
+    if unnamed is not None and unnamed.criterion < best.criterion:
         if several:
             return "unknown"  # one curve does better than two names: they only stand in for it
         more = best.fit.cost - unnamed.fit.cost
