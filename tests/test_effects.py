@@ -177,7 +177,7 @@ class TestEntries:
     @pytest.mark.parametrize("effect", ALL, ids=by_code)
     def test_starting_values_are_few_finite_and_physical(self, effect, ordinary, level):
         starts = starts_of(effect, ordinary, level)
-        assert 1 <= len(starts) <= (18 if effect.code == "valve_stiction" else 8)
+        assert 1 <= len(starts) <= (24 if effect.code == "valve_stiction" else 8)
         assert starts.shape[1] == len(effect.parameters)
         for parameter, column in zip(effect.parameters, starts.T, strict=True):
             assert np.all(np.isfinite(column))

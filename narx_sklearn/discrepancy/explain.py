@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
 STARTS = 2  # of one leader that are tried
+MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps has many valleys
 TWINS = 7  # leaders that are also tried from the simulator's own parameter values
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
@@ -128,7 +129,8 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     found = []
     for h, columns in list(best.items())[:n]:
         hypothesis = bank.hypotheses[h]
-        for j in [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:STARTS]:
+        most = max(STARTS, len(hypothesis.starts) // MANY)
+        for j in [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]:
             theta = hypothesis.starts[bank.start[j]].copy()
             if hypothesis.placed.effect.amplitude is not None:
                 theta[hypothesis.placed.effect.amplitude] *= strength[j]

@@ -166,7 +166,7 @@ def _stiction_transform(signal, second, dt, theta, first):
 def _stiction_starts(setting: Setting) -> np.ndarray:
     """Bands from a fiftieth of the spread up, closely, since a fit does not get past many jumps."""
     bands = np.array([0.02, 0.04, 0.08, 0.16, 0.32, 0.64]) * spread(setting.argument)
-    rows = np.concatenate([grid(bands, [0.3], [0.0]), grid(bands, [0.3, 0.7], [1.0])])
+    rows = np.concatenate([grid(bands, [0.3, 1.0], [0.0]), grid(bands, [0.3, 0.7], [1.0])])
     return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
 
 
