@@ -316,20 +316,31 @@ def _driving(problem: Problem) -> np.ndarray:
 
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     """Return the set fitted without each of its members but the last."""
-    return [_without(problem, candidate, i) for i in range(len(candidate.effects) - 1)]
+    return [_without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
 
 
 def ranked(problem: Problem, candidate: Candidate) -> Candidate:
-    """Return the set with its members in order of what would be left unexplained without each, most first."""
+    """Return the set with its members in order of what would be left unexplained without each, most first.
+
+    Two of one name (a rim on either tank) stand in for each other, so they are left out together first.
+    """
     if len(candidate.effects) < 2:
         return candidate
-    costs = [_without(problem, candidate, i).fit.cost for i in range(len(candidate.effects))]
-    effects = tuple(candidate.effects[i] for i in np.argsort(costs, kind="stable")[::-1])
+
+    def cost(left_out: list[PlacedEffect]) -> float:
+        return _without(problem, candidate, left_out).fit.cost
+
+    def left(effect: PlacedEffect) -> tuple[float, float]:
+        namesakes = [e for e in candidate.effects if e.effect.code == effect.effect.code]
+        return cost(namesakes), cost([effect]) if len(namesakes) > 1 else 0.0
+
+    effects = tuple(sorted(candidate.effects, key=left, reverse=True))
     model = candidate.fit.model._replace(effects=effects)
     return Candidate(fit(problem, model, iterations=1), candidate.n_samples)
 
 
-def _without(problem: Problem, candidate: Candidate, i: int) -> Candidate:
-    effects = tuple(e for j, e in enumerate(candidate.effects) if j != i)
+def _without(problem: Problem, candidate: Candidate, left_out: list[PlacedEffect]) -> Candidate:
+    places = {effect.place for effect in left_out}
+    effects = tuple(e for e in candidate.effects if e.place not in places)
     reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
     return Candidate(reduced, candidate.n_samples)
