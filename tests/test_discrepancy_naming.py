@@ -270,6 +270,23 @@ class TestLookAlikes:
         _, (plain, falling), _ = self.candidates(size=0.3)
         assert likeliest([falling, plain]) is plain
 
+    def test_two_pairs_may_hold_each_other(self):
+        problem, (plain, falling), _ = self.candidates(size=0.3)
+        pairs = []
+        for named, code in ((falling, "lag"), (plain, "extra_mode")):
+            n_theta = len(CATALOGUE[code].parameters)
+            slow = PlacedEffect(CATALOGUE[code], Port("output", 0), theta=(0.1,) * n_theta)
+            model = plain.fit.model._replace(effects=(*named.effects, slow))
+            pairs.append(Candidate(fit(problem, model)._replace(cost=plain.fit.cost), problem.n_seen))
+        assert abs(pairs[0].criterion - pairs[1].criterion) < 20
+        pairs[1] = Candidate(
+            pairs[1].fit._replace(
+                cost=pairs[1].fit.cost * np.exp((pairs[0].criterion - pairs[1].criterion) / problem.n_seen)
+            ),
+            problem.n_seen,
+        )
+        assert any(likeliest(pairs) is pair for pair in pairs)
+
     def test_directions_that_the_data_cannot_feel_have_no_price(self):
         problem, start = axis_problem([friction(0.3)])
         base = fit(problem, start)

@@ -150,9 +150,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             return verdict, best, alternatives, unnamed
 
         found = judged(ranked(problem, _converged(problem, likeliest(pool))))
-        if found[0] == "unknown" and len(found[1].effects) > 1:
+        singles = [c for c in pool if len(c.effects) == 1]
+        if found[0] == "unknown" and len(found[1].effects) > 1 and singles:
             # what goes with it has no name; the effect that explains most may have one
-            alone = judged(_converged(problem, likeliest([c for c in pool if len(c.effects) == 1])))
+            alone = judged(_converged(problem, likeliest(singles)))
             found = alone if alone[0] != "unknown" else found
         verdict, best, alternatives, unnamed = found
     return Diagnosis(

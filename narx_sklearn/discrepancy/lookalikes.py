@@ -35,7 +35,8 @@ def likeliest(candidates: list[Candidate]) -> Candidate:
         if len(c.effects) == len(best.effects)
         and c.criterion <= best.criterion + (HARDLY if _holds(c, best) else ALIKE)
     ]
-    alike = [c for c in near if not any(_holds(special, c) for special in near)]
+    # two pairs may hold each other
+    alike = [c for c in near if not any(_holds(special, c) for special in near)] or near
     if not any(c is best for c in alike):
         return likeliest(alike)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
