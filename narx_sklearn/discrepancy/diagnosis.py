@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -138,23 +138,14 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     unnamed = None
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
-
-        def judged(best: Candidate):
-            leftover = _leftover(problem, best, structure, settings)
-            # where the named form visibly leaves something, its look-alikes may leave as much, and some more
-            visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
-            tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
-            alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
-            unnamed = _unnamed(problem, refitted, best, structure, settings)
-            verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
-            return verdict, best, alternatives, unnamed
-
-        found = judged(ranked(problem, _converged(problem, likeliest(pool))))
+        best = ranked(problem, _converged(problem, likeliest(pool)))
+        found = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
-        if found[0] == "unknown" and len(found[1].effects) > 1 and singles:
+        if found.verdict == "unknown" and len(best.effects) > 1 and singles:
             # what goes with it has no name; the effect that explains most may have one
-            alone = judged(_converged(problem, likeliest(singles)))
-            found = alone if alone[0] != "unknown" else found
+            single = _converged(problem, likeliest(singles))
+            alone = _judged(problem, refitted, single, pool, steps, structure, settings)
+            found = alone if alone.verdict != "unknown" else found
         verdict, best, alternatives, unnamed = found
     return Diagnosis(
         verdict,
@@ -170,6 +161,35 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         unnamed,
         pace.time_constant,
     )
+
+
+class _Judgement(NamedTuple):
+    """What is said of a set of effects, and what it was held against."""
+
+    verdict: str
+    best: Candidate
+    alternatives: tuple[tuple[Candidate, ...], ...]
+    unnamed: Candidate | None
+
+
+def _judged(
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    pool: list[Candidate],
+    steps: list[Step],
+    structure: Structure,
+    settings: Settings,
+) -> _Judgement:
+    """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
+    leftover = _leftover(problem, best, structure, settings)
+    # where the named form visibly leaves something, its look-alikes may leave as much, and some more
+    visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
+    tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
+    alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
+    unnamed = _unnamed(problem, refitted, best, structure, settings)
+    verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
+    return _Judgement(verdict, best, alternatives, unnamed)
 
 
 def _check_finite(problem: Problem, refitted: Fit) -> None:
@@ -207,15 +227,14 @@ def _coloured_search(
     refitted = fit(problem, refitted.model)
     settings.tell("search for missing physics")
     steps = _searched(problem, refitted, structure, settings, dominated, known)
-    found = [c for step in steps for c in step.candidates if len(c.effects) == 1]
-    leading = min(found, key=lambda c: c.criterion, default=None)
-    if not dominated and leading is not None and leading.fit.cost < MOSTLY * refitted.cost:
+    known = [c for step in steps for c in step.candidates if len(c.effects) == 1]
+    known.sort(key=lambda c: c.criterion)
+    if not dominated and known and known[0].fit.cost < MOSTLY * refitted.cost:
         # so much of the residual was structure that the noise could not be seen under it: look again
         settings.tell("search again, under the noise that the first effect leaves")
-        problem = problem.with_noise(estimate_noise(problem.left_over(leading.fit.model), problem.seen))
+        problem = problem.with_noise(estimate_noise(problem.left_over(known[0].fit.model), problem.seen))
         refitted = fit(problem, refitted.model)
-        found.sort(key=lambda c: c.criterion)
-        steps = _searched(problem, refitted, structure, settings, True, found)
+        steps = _searched(problem, refitted, structure, settings, True, known)
     return problem, refitted, steps
 
 

@@ -24,7 +24,7 @@ NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
-UNTOLD = 4.0  # difference of the criterion that tells little
+HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
 
@@ -275,7 +275,7 @@ def _confirmed(
     without, n_tried = deviance(problem, base.fit.model), len(bank.hypotheses)
     chances = []
     for candidate in found[:CONFIRMED]:
-        if candidate.criterion <= found[0].criterion + UNTOLD:
+        if candidate.criterion <= found[0].criterion + HARDLY:
             effect = candidate.effects[-1]
             gained = without - deviance(problem, candidate.fit.model) - ODD * effect.odd
             chances.append(chance_of_noise(gained, n_tried, _shapes(effect, problem, bank)))
@@ -330,9 +330,14 @@ def ranked(problem: Problem, candidate: Candidate) -> Candidate:
     def cost(left_out: list[PlacedEffect]) -> float:
         return _without(problem, candidate, left_out).fit.cost
 
+    namesakes: dict[str, list[PlacedEffect]] = {}
+    for effect in candidate.effects:
+        namesakes.setdefault(effect.effect.code, []).append(effect)
+    together = {code: cost(members) for code, members in namesakes.items()}
+
     def left(effect: PlacedEffect) -> tuple[float, float]:
-        namesakes = [e for e in candidate.effects if e.effect.code == effect.effect.code]
-        return cost(namesakes), cost([effect]) if len(namesakes) > 1 else 0.0
+        code = effect.effect.code
+        return together[code], cost([effect]) if len(namesakes[code]) > 1 else 0.0
 
     effects = tuple(sorted(candidate.effects, key=left, reverse=True))
     model = candidate.fit.model._replace(effects=effects)

@@ -241,7 +241,7 @@ class _Material:
     """Signals along a run, from which settings are taken; computed once for all hypotheses."""
 
     def __init__(self, simulator: Simulator, problem: Problem, run: Run, order, time, first):
-        self.simulator, self.u, self.run = simulator, problem.u, run
+        self.simulator, self.u, self.run = simulator, problem.u[order], run
         self.residual = np.nan_to_num(problem.y - run.y)
         self.order, self.time, self.first = order, time, first
         x = run.x[order]
@@ -254,15 +254,14 @@ class _Material:
     def setting(self, placed: PlacedEffect) -> Setting:
         """Return what the record shows at one place."""
         dt = self.simulator.dt
-        u = self.u[self.order]
         kind, index = placed.port
-        second = placed.second_of(u, self.x if kind == "state" else None)
+        second = placed.second_of(self.u, self.x if kind == "state" else None)
         if kind == "state":
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
             argument, rate = self.x @ weights, self.rates @ weights
         else:
-            argument = u[:, index] if kind == "input" else self.run.y[self.order, index]
+            argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
         return Setting(argument, rate, own, second, self.time, dt, self.first, residual)

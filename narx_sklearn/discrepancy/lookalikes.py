@@ -6,14 +6,13 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import fit
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
-HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
