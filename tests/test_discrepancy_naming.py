@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
-from narx_sklearn.discrepancy.explain import Candidate, leaders, probe, ranked
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.verify import free_run
+from narx_sklearn.discrepancy.verify import Lead, free_run
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -268,7 +268,16 @@ class TestLookAlikes:
 
     def test_of_two_alike_the_one_with_fewer_parameters_is_named(self):
         _, (plain, falling), _ = self.candidates(size=0.3)
-        assert likeliest([falling, plain]) is plain
+        assert likeliest([falling, plain], 2 * plain.fit.cost) is plain
+
+    @pytest.mark.parametrize(("added", "enough"), [(0.004, True), (0.006, False)])
+    def test_what_adds_next_to_nothing_to_its_special_case_is_not_named_for_it(self, added, enough):
+        _, (plain, falling), _ = self.candidates(size=0.3)
+        unexplained = 30 * plain.fit.cost
+        better = plain.fit.cost - added * (unexplained - plain.fit.cost)
+        falling = Candidate(falling.fit._replace(cost=better), falling.n_samples)
+        assert falling.criterion < plain.criterion - HARDLY
+        assert likeliest([falling, plain], unexplained) is (plain if enough else falling)
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)
@@ -285,7 +294,7 @@ class TestLookAlikes:
             ),
             problem.n_seen,
         )
-        assert any(likeliest(pairs) is pair for pair in pairs)
+        assert any(likeliest(pairs, 2 * plain.fit.cost) is pair for pair in pairs)
 
     def test_directions_that_the_data_cannot_feel_have_no_price(self):
         problem, start = axis_problem([friction(0.3)])
@@ -314,6 +323,35 @@ class TestLatePieces:
         y = simulator.simulate(u)
         late = free_run(simulator, u, y, slice(600, 1000), 0, 100, np.zeros(2))
         np.testing.assert_allclose(late.y, y[600:], atol=1e-6 * np.ptp(y))
+
+    @pytest.mark.parametrize(
+        ("code", "port", "theta"),
+        [
+            ("creep", Port("output", 0), (0.3, 4.0)),
+            ("creep", Port("state", 1), (3.0, 4.0)),
+            ("extra_mode", Port("state", 1), (0.5, 0.2, 0.01)),
+        ],
+    )
+    def test_an_effect_of_long_memory_remembers_what_led_to_a_late_piece(self, code, port, theta):
+        effect = PlacedEffect(CATALOGUE[code], port, (0.0, 1.0), theta=theta)
+        simulator = make_circuit().with_effects([effect])
+        u = levels(np.random.default_rng(4), 1000)
+        whole = simulator.run(u, Windows.whole([slice(0, 1000)]), np.zeros((1, 2)))
+        first, last = np.array([0, 300]), np.array([300, 600])
+        windows = Windows(first, last, np.array([True, False]), np.zeros(2, dtype=np.int64))
+        lead = Lead(windows, whole.x[first])
+        late = free_run(simulator, u, whole.y, slice(600, 1000), 0, 100, np.zeros(2), lead)
+        np.testing.assert_allclose(late.y, whole.y[600:], atol=1e-6 * np.ptp(whole.y))
+        without = free_run(simulator, u, whole.y, slice(600, 1000), 0, 100, np.zeros(2))
+        assert np.max(np.abs(without.y - whole.y[600:])) > 0.01 * np.ptp(whole.y)
+
+    def test_the_state_under_a_coarse_sensor_is_found(self):
+        coarse = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.05,))
+        simulator = make_circuit().with_effects([coarse])
+        u = levels(np.random.default_rng(4), 1000)
+        y = simulator.simulate(u)
+        late = free_run(simulator, u, y, slice(600, 1000), 0, 100, np.array([2.0, -1.0]))
+        assert np.sqrt(np.mean((late.y - y[600:]) ** 2)) < 0.05
 
 
 class TestUnnamedForces:

@@ -183,6 +183,15 @@ class TestNoise:
         assert noise.sigma[0] == pytest.approx(1.0, abs=0.03)
         assert noise.coefficients[0].sum() == pytest.approx(rho, abs=0.05)
 
+    @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+    def test_a_drift_is_seen_in_any_unit(self, unit):
+        rng = np.random.default_rng(1)
+        r = rng.normal(size=(4, 1500)) + np.cumsum(0.05 * rng.normal(size=(4, 1500)), axis=1)
+        noise = estimate_noise(unit * r[:, :, None], np.ones((4, 1500, 1), dtype=bool))
+        assert noise.coefficients[0][0] == pytest.approx(1.0, abs=0.01)
+        assert noise.average[0] == pytest.approx(1.0 - 0.05, abs=0.02)  # steady gain of the Kalman filter
+        assert noise.sigma[0] == pytest.approx(unit, rel=0.05)
+
     def test_an_output_known_at_every_second_sample_has_white_noise(self):
         # no sample has the one before it: under an autoregression none would count
         rng = np.random.default_rng(0)

@@ -8,6 +8,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 
 ROUNDS = 4  # of noise and model in turn, at most
+COLOUR = 2.0  # price of a coefficient of the noise
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
 
@@ -31,19 +32,21 @@ def chance_of_noise(gained: float, n_tried: int, n_values: float) -> float:
     return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
 
 
-def deviance(problem: Problem, model: Model) -> float:
+def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float:
     """Return minus twice the log-likelihood under noise of its own colour, with a price for the colour.
 
-    Noise and model are fitted in turn, each to what the other leaves.
+    The price is that of Akaike (1974): a dearer one would leave a faint colour to the effect.
+    Noise and model are fitted in turn, each to what the other leaves. Noise that may not drift stays about a
+    level.
     """
     lowest = np.inf
     for _ in range(ROUNDS):
-        noise = estimate_noise(problem.left_over(model), problem.seen)
+        noise = estimate_noise(problem.left_over(model), problem.seen, may_drift=may_drift, price=COLOUR)
         own = problem.with_noise(noise)
         found = fit(own, model)
         mean_square = found.cost / max(own.n_seen, 1)
         level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
-        value = int(problem.seen.sum()) * level + noise.n_parameters * np.log(max(own.n_seen, 2))
+        value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
         gained, lowest, model = lowest - value, min(lowest, value), found.model
         if not gained > ENOUGH:
             break

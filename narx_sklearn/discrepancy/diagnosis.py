@@ -9,6 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
+    DRIFT,
     FINE,
     ODD,
     Candidate,
@@ -138,12 +139,12 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     unnamed = None
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
-        best = ranked(problem, _converged(problem, likeliest(pool)))
+        best = ranked(problem, _converged(problem, likeliest(pool, refitted.cost)))
         found = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
         if found.verdict == "unknown" and len(best.effects) > 1 and singles:
             # what goes with it has no name; the effect that explains most may have one
-            single = _converged(problem, likeliest(singles))
+            single = _converged(problem, likeliest(singles, refitted.cost))
             alone = _judged(problem, refitted, single, pool, steps, structure, settings)
             found = alone if alone.verdict != "unknown" else found
         verdict, best, alternatives, unnamed = found
@@ -387,6 +388,8 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
+    if all(effect.effect.code == DRIFT for effect in best.effects):
+        return "ambiguous" if any(alternatives) else "explained"  # its course is as it may be
     taken_off = refitted.cost - best.fit.cost
     p_left, rest = leftover
     several = len(best.effects) > 1

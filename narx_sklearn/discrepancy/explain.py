@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps
 TWINS = 7  # leaders that are also tried from the simulator's own parameter values
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
+DRIFT = "additive_drift"
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
@@ -243,7 +244,7 @@ def search(
             found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=before)
             found = [c for c in found if c.criterion < candidate.criterion]
             if rank == 0:
-                detection = _confirmed(problem, candidate, found, detection, bank)
+                detection, found = _confirmed(problem, candidate, found, detection, bank, alpha)
                 steps.append(Step(detection, bank, pool))
                 if detection.p_value > alpha or not found:
                     return steps
@@ -264,22 +265,40 @@ def _left_to_the_fits(detection: Detection) -> Detection:
 
 
 def _confirmed(
-    problem: Problem, base: Candidate, found: list[Candidate], detection: Detection, bank: Bank
-) -> Detection:
-    """Return the detection with the chance that what was found is noise of some colour.
+    problem: Problem,
+    base: Candidate,
+    found: list[Candidate],
+    detection: Detection,
+    bank: Bank,
+    alpha: float,
+) -> tuple[Detection, list[Candidate]]:
+    """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
-    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
+    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price. A
+    drift of an output and noise that drifts are one thing under two names, so the former is held against
+    noise that does not drift; if it alone stands then, it alone is found.
     """
     if not found:
-        return detection
-    without, n_tried = deviance(problem, base.fit.model), len(bank.hypotheses)
-    chances = []
+        return detection, found
+    without = cache(lambda may_drift: deviance(problem, base.fit.model, may_drift=may_drift))
+    n_tried = len(bank.hypotheses)
+    chances: dict[bool, list[float]] = {False: [], True: []}
     for candidate in found[:CONFIRMED]:
         if candidate.criterion <= found[0].criterion + HARDLY:
-            effect = candidate.effects[-1]
-            gained = without - deviance(problem, candidate.fit.model) - ODD * effect.odd
-            chances.append(chance_of_noise(gained, n_tried, _shapes(effect, problem, bank)))
-    return detection._replace(p_value=max(detection.p_value, min(chances)))
+            effect, drifts = candidate.effects[-1], is_drift(candidate)
+            left = deviance(problem, candidate.fit.model, may_drift=not drifts)
+            gained = without(not drifts) - left - ODD * effect.odd
+            chances[drifts].append(chance_of_noise(gained, n_tried, _shapes(effect, problem, bank)))
+    least = min(chances[False] + chances[True])
+    if least <= alpha < min(chances[False], default=1.0):
+        found = [candidate for candidate in found if is_drift(candidate)]
+    return detection._replace(p_value=max(detection.p_value, least)), found
+
+
+def is_drift(candidate: Candidate) -> bool:
+    """Tell whether the last effect of a set is what noise that drifts would be called."""
+    last = candidate.effects[-1]
+    return last.effect.code == DRIFT and last.port.kind == "output"
 
 
 def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:

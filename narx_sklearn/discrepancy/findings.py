@@ -98,7 +98,8 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     """Return the units of the effect's parameters, with the port's and the argument's units put in."""
     port = correction_unit(placed, simulator)
     second = placed.second_unit or "-" if placed.second else port
-    fill = {"port": port, "arg": placed.argument_unit or "-", "second": second}
+    argument = second if _is_fed(placed) else placed.argument_unit or "-"
+    fill = {"port": port, "arg": argument, "second": second}
     units = [tidy_unit(p.unit.format(**fill)) for p in placed.effect.parameters]
     return units + ["-"] * (placed.onward >= 0)
 
@@ -118,10 +119,17 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
 def argument_told(placed: PlacedEffect) -> str:
     """Return what the equation's letters stand for: "v = velocity [m/s]"; empty where it has no letter."""
     letters = "sx" if placed.port.kind != "state" else "vxs" if placed.effect.argument == "own" else "xs"
-    told = [_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit)]
+    told = []
+    if not _is_fed(placed):
+        told.append(_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit))
     if placed.second:
         told.append(_letter(placed.effect.equation, SECOND_LETTERS, placed.second_name, placed.second_unit))
     return ", ".join(filter(None, told))
+
+
+def _is_fed(placed: PlacedEffect) -> bool:
+    """Tell whether an input stands in the argument's place."""
+    return placed.effect.second == "feed" and bool(placed.second)
 
 
 def _letter(equation: str, letters: str, name: str, unit: str) -> str:

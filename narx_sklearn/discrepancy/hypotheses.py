@@ -152,13 +152,15 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     kind, i = placed.effect.second, placed.port.index
     n_inputs, n_states = len(simulator.inputs), len(simulator.states)
     channels = structure.channels.tolist()
+    driving = np.flatnonzero(structure.inputs[i]).tolist() if placed.port.kind == "state" else []
     columns = {
         None: [],
         "channel": channels,
         "input": [j for j in range(n_inputs) if j not in channels],
-        "drive": np.flatnonzero(structure.inputs[i]).tolist() if kind == "drive" else [],
+        "drive": driving,
+        "feed": driving,
     }[kind]
-    if kind in (None, "drive"):
+    if kind in (None, "drive", "feed"):
         yield (), "", ""
     for j in columns:
         if placed.port != Port("input", j):

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.refit import fit
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
+REFINES = 0.005  # of what an effect explains, that one which holds it must add
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
@@ -20,24 +21,33 @@ CERTAIN = 60.0  # difference of the criterion beyond which two explanations are 
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
 
-def likeliest(candidates: list[Candidate]) -> Candidate:
+def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
-    Where the best holds another as a special case, hardly worse, that one is enough. Else natural is an
-    effect made for the unit of its argument (gravity for an angle), if the data tell its parameters apart
-    (gravity at one angle is a constant load), then fewer parameters.
+    Where the best holds another as a special case, hardly worse, that one is enough; so it is where the best
+    adds next to nothing to what it explains, since forms are idealised and strong effects show it. Else
+    natural is an effect made for the unit of its argument (gravity for an angle), if the data tell its
+    parameters apart (gravity at one angle is a constant load), then fewer parameters.
+
+    Parameters
+    ----------
+    unexplained : float
+        Cost without any effect.
     """
     best = min(candidates, key=lambda c: c.criterion)
-    near = [
-        c
-        for c in candidates
-        if len(c.effects) == len(best.effects)
-        and c.criterion <= best.criterion + (HARDLY if _holds(c, best) else ALIKE)
-    ]
+    before = min((c.fit.cost for c in candidates if len(c.effects) < len(best.effects)), default=unexplained)
+
+    def is_near(c: Candidate) -> bool:
+        if not _holds(c, best):
+            return c.criterion <= best.criterion + ALIKE
+        added = c.fit.cost - best.fit.cost
+        return c.criterion <= best.criterion + HARDLY or added <= REFINES * (before - c.fit.cost)
+
+    near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
     # two pairs may hold each other
     alike = [c for c in near if not any(_holds(special, c) for special in near)] or near
     if not any(c is best for c in alike):
-        return likeliest(alike)
+        return likeliest(alike, unexplained)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
 
 

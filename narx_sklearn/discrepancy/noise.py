@@ -75,30 +75,41 @@ def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarr
     return e - share[:, None] * trace
 
 
-def estimate_noise(residual: np.ndarray, seen: np.ndarray, longest: int = LONGEST) -> Noise:
-    """Fit a noise model to residuals in windows: autoregressions and one with a moving average, by BIC.
+def estimate_noise(
+    residual: np.ndarray,
+    seen: np.ndarray,
+    longest: int = LONGEST,
+    *,
+    may_drift: bool = True,
+    price: float | None = None,
+) -> Noise:
+    """Fit a noise model to residuals in windows: autoregressions and one with a moving average.
 
     Parameters
     ----------
     residual : ndarray of shape (n_windows, n_samples, n_outputs)
         Zero where not seen.
     seen : ndarray of bool, same shape
+    may_drift : bool, default=True
+        Whether a moving average is tried; without one the noise stays about a level.
+    price : float, optional
+        Of a coefficient, in units of the deviance; by default that of BIC.
     """
     coefficients, sigmas, averages = [], [], []
     for output in range(residual.shape[2]):
         r, known = residual[:, :, output], seen[:, :, output]
-        best = _autoregression(r, known, longest)
-        drifting = _with_moving_average(r, known)
-        if drifting[0] < best[0]:
-            best = drifting
+        each = np.log(max(known.sum(), 2)) if price is None else price
+        best = _autoregression(r, known, longest, each)
+        if may_drift:
+            best = min(best, _with_moving_average(r, known, each), key=lambda found: found[0])
         coefficients.append(best[1])
         averages.append(best[2])
         sigmas.append(np.sqrt(max(best[3], 1e-300)))
     return Noise(tuple(coefficients), np.array(sigmas), tuple(averages))
 
 
-def _autoregression(r: np.ndarray, known: np.ndarray, longest: int):
-    """Return (BIC, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations."""
+def _autoregression(r: np.ndarray, known: np.ndarray, longest: int, price: float):
+    """Return (criterion, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations."""
     n = int(known.sum())
     lags = range(min(longest, r.shape[1] - 1) + 1)
     c = np.array([np.sum(r[:, lag:] * r[:, : r.shape[1] - lag]) for lag in lags])
@@ -113,9 +124,9 @@ def _autoregression(r: np.ndarray, known: np.ndarray, longest: int):
         variance = _left_by(a, r, known)
         if not variance > 1e-12 * c[0]:
             break
-        bic = n * np.log(variance) + order * np.log(max(n, 2))
-        if bic < best[0]:
-            best = (bic, a, 0.0, variance)
+        criterion = n * np.log(variance) + order * price
+        if criterion < best[0]:
+            best = (criterion, a, 0.0, variance)
     return best
 
 
@@ -128,15 +139,18 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
     return float(np.sum(e[counts] ** 2) / max(counts.sum(), 1))
 
 
-def _with_moving_average(r: np.ndarray, known: np.ndarray):
-    """Return (BIC, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}, by conditional least squares.
+def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
+    """Return (criterion, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}.
 
-    b is at most a: a drift adds slow noise. What lacks slow power has been fitted, and is no noise.
+    Fitted by conditional least squares. b is at most a: a drift adds slow noise. What lacks slow power has
+    been fitted, and is no noise.
     """
     pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
     n = int(pairs.sum())
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
+    size = np.sqrt(np.sum(r**2) / known.sum())
+    r = r / size  # the optimiser's tolerances are absolute
 
     def drift(values) -> tuple[float, float]:
         return float(values[0]), float(min(values[0] * values[1], SLOWEST))
@@ -145,15 +159,15 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray):
         a, b = drift(values)
         moved = r[:, 1:] - a * r[:, :-1]
         e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, pairs)
-        return float(np.sum(e**2))
+        return float(np.sum(e**2)) / n
 
     starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]
     found = min(
         (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, 1.0)]) for start in starts),
         key=lambda result: result.fun,
     )
-    variance = found.fun / n
+    variance = found.fun * size**2
     # counted over all samples, as for the autoregression
-    bic = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * np.log(n)
+    criterion = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * price
     a, b = drift(found.x)
-    return bic, np.array([a]), b, variance
+    return criterion, np.array([a]), b, variance

@@ -108,12 +108,16 @@ class Problem:
         return int(self.simulator.free_states.sum()) * self.windows.count
 
     def states_sensitivity(self, model: Model, base: Run, scale: np.ndarray) -> np.ndarray:
-        """Return d y_sim / d x0, whitened, (W, T, n_free): every window's own state moves at once."""
+        """Return d y_sim / d x0, whitened, (W, T, n_free): every window's own state moves at once.
+
+        Windows of which nothing was seen keep theirs: others may remember them.
+        """
         free = np.flatnonzero(self.simulator.free_states)
+        seen = self.seen.any(axis=(1, 2))
         columns = []
         for state in free:
             x0 = model.x0.copy()
-            x0[:, state] += scale[state]
+            x0[seen, state] += scale[state]
             moved = self.run(model._replace(x0=x0))
             columns.append(self.whiten(moved.y - base.y) / scale[state])
         if not columns:

@@ -20,6 +20,7 @@ from narx_sklearn._validation import (
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, Settings, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment
+from narx_sklearn.discrepancy.explain import DRIFT
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
@@ -30,6 +31,7 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.verify import (
     SURELY,
+    Lead,
     compared,
     free_run,
     gained,
@@ -474,6 +476,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
         self._n_init = int(max(8 * (len(self.simulator.states) + 1), min(np.median(lengths) // 2, 200)))
         self._guess = fit.model.x0[-1]
+        self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
         self.findings_ = make_findings(diagnosis, self.level, self.simulator)
         self.noise_ = {
@@ -492,9 +495,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         if self.findings_ and self._harms(held_out):
-            # what was found makes held-out samples worse: it is no explanation, and is not used
-            self.verdict_ = "unknown"
+            # what was found makes held-out samples worse: it is not used, and is no explanation, unless it is
+            # a drift, whose course nobody can foresee
             self.simulator_ = self.refitted_simulator_
+            if self.findings_[0].effect != DRIFT:
+                self.verdict_ = "unknown"
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
@@ -510,7 +515,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             "refitted": self._diagnosis.refitted.model.x0[-1],
             "augmented": self._guess,
         }
-        errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses)
+        errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses, {"augmented": self._lead})
         spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
 
@@ -522,7 +527,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 return True
         found = self._diagnosis
         guesses = (found.refitted.model.x0[-1], self._guess)
-        less = gained(found.problem, self.refitted_simulator_, self.simulator_, held_out, guesses)
+        less = gained(found.problem, self.refitted_simulator_, self.simulator_, held_out, guesses, self._lead)
         # what the uncertainty of its parameters costs on other samples is no harm
         by_chance = chi2.isf(0.01, found.best.fit.model.q.size) * found.best.fit.cost / found.best.n_samples
         surely = max(SURELY * np.sqrt(np.sum(less**2)), by_chance)

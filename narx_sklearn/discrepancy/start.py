@@ -7,6 +7,8 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.structure import Structure
 
+ITERATIONS = 10
+
 
 def guess_states(
     simulator: Simulator, u, y, windows: Windows, structure: Structure, x: np.ndarray
@@ -34,6 +36,17 @@ def guess_states(
 
 
 def fit_initial_states(problem: Problem, x0: np.ndarray) -> Fit:
-    """Fit the initial states alone, the parameters as they are."""
-    model = Model(problem.simulator.nominal, problem.simulator.effects, x0)
-    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=6)
+    """Fit the initial states alone, the parameters as they are.
+
+    A coarse sensor feels no small move of a state, so what effects do to the outputs comes second.
+    """
+    simulator = problem.simulator
+    model = Model(simulator.nominal, simulator.effects, x0)
+    smooth = tuple(effect for effect in simulator.effects if effect.port.kind != "output")
+    if smooth != simulator.effects:
+        model = model._replace(x0=_settled(problem, model._replace(effects=smooth)).model.x0)
+    return _settled(problem, model)
+
+
+def _settled(problem: Problem, model: Model) -> Fit:
+    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=ITERATIONS)

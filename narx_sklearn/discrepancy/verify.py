@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.windows import cut
@@ -33,8 +32,37 @@ class FreeRun(NamedTuple):
     x0: np.ndarray  # (n_states,)
 
 
+class Lead(NamedTuple):
+    """The windows of a fit with their initial states: where the memory of effects comes from."""
+
+    windows: Windows
+    x0: np.ndarray  # (n_windows, n_states)
+
+    def up_to(self, start: int, began: int) -> "Lead":
+        """Return the windows of a session before a sample."""
+        chosen = (self.windows.began == began) & (self.windows.last <= start)
+        return Lead(Windows(*(field[chosen] for field in self.windows)), self.x0[chosen])
+
+    def before(self, windows: Windows, x0: np.ndarray) -> tuple[Windows, np.ndarray, np.ndarray]:
+        """Return windows with those that lead to them, all initial states, and which of them lead."""
+        own = Windows(*(np.concatenate(pair) for pair in zip(self.windows, windows, strict=True)))
+        leads = np.arange(own.count) < self.windows.count
+        order = np.argsort(own.first, kind="stable")
+        own = Windows(*(field[order] for field in own))
+        fresh = own.fresh.copy()
+        fresh[1:] &= (own.last[:-1] != own.first[1:]) | (own.began[:-1] != own.began[1:])
+        return own._replace(fresh=fresh), np.concatenate([self.x0, x0])[order], leads[order]
+
+
 def initial_state(
-    simulator: Simulator, u: np.ndarray, y: np.ndarray, piece: slice, began: int, n: int, guess: np.ndarray
+    simulator: Simulator,
+    u: np.ndarray,
+    y: np.ndarray,
+    piece: slice,
+    began: int,
+    n: int,
+    guess: np.ndarray,
+    lead: Lead | None = None,
 ) -> np.ndarray:
     """Return the state at the first sample of a piece, fitted to the first ``n`` of its samples.
 
@@ -45,17 +73,18 @@ def initial_state(
     piece : slice
         A stretch without gaps.
     began : int
-        First sample of its session, from which effects count the time and remember.
+        First sample of its session, from which effects count the time.
+    lead : Lead, optional
+        What effects remember; without it they begin at rest.
     """
     stop = min(piece.start + n, piece.stop)
-    u, y = u[began:stop], y[began:stop]
-    start = piece.start - began
-    sigma = np.nanstd(y[start:], axis=0)
+    sigma = np.nanstd(y[piece.start : stop], axis=0)
     noise = Noise.white(np.where(sigma > 0, sigma, 1.0))
-    problem = Problem(simulator, u, y, _late(start, len(u)), noise)
-    known = simulator.known_states(u, y, np.array([start]))[0]
-    model = Model(simulator.nominal, simulator.effects, np.where(np.isfinite(known), known, guess)[None, :])
-    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=10).model.x0[0]
+    known = simulator.known_states(u, y, np.array([piece.start]))[0]
+    windows, x0 = _led(lead, piece.start, stop, began, np.where(np.isfinite(known), known, guess))
+    unseen = y[began:stop].copy()
+    unseen[: piece.start - began] = np.nan
+    return fit_initial_states(Problem(simulator, u[began:stop], unseen, windows, noise), x0).model.x0[-1]
 
 
 def free_run(
@@ -66,21 +95,28 @@ def free_run(
     began: int,
     n_init: int,
     guess: np.ndarray,
+    lead: Lead | None = None,
 ) -> FreeRun:
     """Run a piece freely after its initial state was fitted to its first ``n_init`` samples."""
-    x0 = initial_state(simulator, u, y, piece, began, n_init, guess)
-    start = piece.start - began
-    run = simulator.run(u[began : piece.stop], _late(start, piece.stop - began), x0[None, :])
-    return FreeRun(run.y[start:], x0)
+    x0 = initial_state(simulator, u, y, piece, began, n_init, guess, lead)
+    windows, all_x0 = _led(lead, piece.start, piece.stop, began, x0)
+    run = simulator.run(u[began : piece.stop], windows, all_x0)
+    return FreeRun(run.y[piece.start - began :], x0)
 
 
-def _late(start: int, stop: int) -> Windows:
-    """Return one window of a session that began before it, at sample 0."""
-    first, last, began = (np.array([k], dtype=np.int64) for k in (start, stop, 0))
-    return Windows(first, last, np.array([True]), began)
+def _led(lead: Lead | None, start: int, stop: int, began: int, x0: np.ndarray) -> tuple[Windows, np.ndarray]:
+    """Return a stretch and the windows that lead to it, counted from its session, and all initial states."""
+    first, last, session = (np.array([k], dtype=np.int64) for k in (start, stop, began))
+    windows, x0 = Windows(first, last, np.array([True]), session), x0[None, :]
+    if lead is not None:
+        windows, x0, _ = lead.up_to(start, began).before(windows, x0)
+    counted = {name: getattr(windows, name) - began for name in ("first", "last", "began")}
+    return windows._replace(**counted), x0
 
 
-def squared_errors(simulators: dict, u, y, pieces, n_init: int, guesses: dict) -> dict[str, np.ndarray]:
+def squared_errors(
+    simulators: dict, u, y, pieces, n_init: int, guesses: dict, leads: dict[str, Lead]
+) -> dict[str, np.ndarray]:
     """Return each simulator's mean squared held-out errors by block, (n_blocks, n_outputs).
 
     Parameters
@@ -92,7 +128,7 @@ def squared_errors(simulators: dict, u, y, pieces, n_init: int, guesses: dict) -
     for name, simulator in simulators.items():
         blocks = []
         for piece, began in pieces:
-            run = free_run(simulator, u, y, piece, began, n_init, guesses[name])
+            run = free_run(simulator, u, y, piece, began, n_init, guesses[name], leads.get(name))
             error = (y[piece] - run.y)[n_init:] ** 2
             error[np.isnan(run.y[n_init:])] = np.inf
             error[np.isnan(y[piece][n_init:])] = np.nan
@@ -103,7 +139,12 @@ def squared_errors(simulators: dict, u, y, pieces, n_init: int, guesses: dict) -
 
 
 def gained(
-    problem: Problem, before: Simulator, after: Simulator, pieces, guesses: tuple[np.ndarray, np.ndarray]
+    problem: Problem,
+    before: Simulator,
+    after: Simulator,
+    pieces,
+    guesses: tuple[np.ndarray, np.ndarray],
+    lead: Lead,
 ) -> np.ndarray:
     """Return what a corrected simulator takes off the cost of held-out stretches, block by block.
 
@@ -116,6 +157,8 @@ def gained(
         The windows and the noise of the fit.
     pieces : list of (slice, int)
         Stretches without gaps, each with the first sample of its session.
+    lead : Lead
+        What the effects of the corrected simulator remember.
 
     Returns
     -------
@@ -129,10 +172,15 @@ def gained(
         return np.empty(0)
     costs = []
     for simulator, guess in zip((before, after), guesses, strict=True):
-        own = Problem(simulator, problem.u, problem.y, windows, problem.noise)
         known = simulator.known_states(problem.u, problem.y, windows.first)
-        found = fit_initial_states(own, np.where(np.isfinite(known), known, guess))
-        costs.append(found.residual**2 if np.isfinite(found.cost) else np.full_like(found.residual, np.inf))
+        x0 = np.where(np.isfinite(known), known, guess)
+        led, x0, leads = lead.before(windows, x0)
+        y = problem.y.copy()
+        for a, b in zip(led.first[leads], led.last[leads], strict=True):
+            y[a:b] = np.nan
+        found = fit_initial_states(Problem(simulator, problem.u, y, led, problem.noise), x0)
+        left = found.residual[~leads]
+        costs.append(left**2 if np.isfinite(found.cost) else np.full_like(left, np.inf))
     with np.errstate(invalid="ignore"):
         less = (costs[0] - costs[1]).ravel()
     return np.array([block.sum() for block in np.array_split(less, BLOCKS)])

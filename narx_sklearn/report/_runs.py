@@ -91,7 +91,7 @@ def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
         if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
             continue
         runs = {
-            name: free_run(simulator, u, y, rows, began, n_init, dx._guess).y
+            name: free_run(simulator, u, y, rows, began, n_init, dx._guess, dx._lead).y
             for name, simulator in compared(dx).items()
         }
         found.append(HeldOut(rows, n_init, runs))

@@ -15,6 +15,9 @@ from narx_sklearn.physics.effects._starts import (
     time_scale,
 )
 
+BAND = np.geomspace(0.3, 6.0, 17)  # frequencies of modes that may have been left out, of the signal's own
+LIGHT = 0.1  # damping ratio from which modes are tried: half as wide as BAND is spaced
+
 
 def _delay_transform(signal, second, dt, theta, first):
     """Interpolate between samples; before its first value a piece is held."""
@@ -62,11 +65,15 @@ def _lag_starts(setting: Setting) -> np.ndarray:
 
 @kernel
 def _extra_mode(argument, rate, own, second, time, step, z, theta, dz):
-    """z holds how far the mode is ahead of the argument, and the mode's own speed."""
+    """z holds how far the mode is ahead of the argument, and its own speed; or a mode that an input feeds."""
     w = min(theta[1], 1.0 / step)  # no faster than a step can follow
     damping = min(2.0 * theta[2] * w, 1.0 / step)
-    dz[0] = z[1] - rate
-    dz[1] = -damping * z[1] - w * w * z[0]
+    if np.isnan(second):
+        dz[0] = z[1] - rate
+        dz[1] = -damping * z[1] - w * w * z[0]
+    else:
+        dz[0] = z[1]
+        dz[1] = -damping * z[1] + w * w * (second - z[0])
     return theta[0] * z[0]
 
 
@@ -101,21 +108,21 @@ def _extra_mode_transform(signal, second, dt, theta, first):
 
 
 def _extra_mode_starts(setting: Setting) -> np.ndarray:
-    """Light damping at the residual's strongest lines and over the signal's band; and a slow pole."""
+    """Light damping all over the signal's band and at the residual's strongest lines; and a slow pole."""
     scale = time_scale(setting)
     if scale == 0:
         return np.empty((0, 3))
-    w = lines_in_time(setting, 2)
-    w = np.concatenate([w, np.array([0.5, 1.5, 4.0]) / scale])
+    w = np.concatenate([BAND / scale, lines_in_time(setting, 2)])
     w = w[w < 0.8 * np.pi / setting.dt]
-    rows = np.concatenate([grid([1.0], w, [0.05]), [[1.0, 0.3 / scale, 2.0]]])
-    return scaled(
-        setting,
-        rows,
-        lambda row: (
-            _extra_mode_transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
-        ),
-    )
+    rows = np.concatenate([grid([1.0], w, [LIGHT]), [[1.0, 0.3 / scale, 2.0]]])
+    fed = setting.second is not None
+    signal = setting.second if fed else setting.argument
+
+    def added(row: np.ndarray) -> np.ndarray:
+        swung = _extra_mode_transform(signal, None, setting.dt, row, setting.first)
+        return swung if fed else swung - signal
+
+    return scaled(setting, rows, added)
 
 
 DYNAMICS = (
@@ -151,7 +158,8 @@ DYNAMICS = (
         code="extra_mode",
         title="Linear dynamics left out",
         sentence="Something attached swings along, or follows slowly.",
-        equation="g (M[s] - s), added; M'' = w^2 (s - M) - 2 zeta w M'",
+        equation="g (M[s] - s), added, or g M[u] in the equation that u drives; M'' = w^2 (s - M) - "
+        "2 zeta w M'",
         parameters=(
             EffectParameter("g", "{port}/({arg})"),
             EffectParameter("w", "rad/s", 0.0),
@@ -162,6 +170,7 @@ DYNAMICS = (
         transform=_extra_mode_transform,
         input_port=False,
         argument="position",
+        second="feed",
         n_memory=2,
         lookalikes=("lag", "creep", "periodic_disturbance"),
         holds=("lag", "creep", "viscous_damping"),

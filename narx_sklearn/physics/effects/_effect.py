@@ -8,7 +8,7 @@ import numpy as np
 
 PORTS = ("input", "state", "output")
 ARGUMENTS = ("none", "own", "position", "any")
-SECONDS = (None, "input", "channel", "drive")
+SECONDS = (None, "input", "channel", "drive", "feed")
 MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
 MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
 
@@ -75,9 +75,10 @@ class Effect:
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
-    second : {None, "input", "channel", "drive"}
+    second : {None, "input", "channel", "drive", "feed"}
         Second argument: every input; every measured channel that the simulator does not use; or what else
-        drives the state equation, each in turn: nothing in particular (NaN), its inputs, its neighbours.
+        drives the state equation, each in turn: nothing in particular (NaN), its inputs, its neighbours. A
+        feed is nothing (NaN), or an input of the state equation that stands in the argument's place.
     amplitude : int or None
         Index of the parameter that scales the whole effect; None when no parameter does.
     n_memory : int

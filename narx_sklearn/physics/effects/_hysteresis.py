@@ -137,7 +137,7 @@ def _creep(argument, rate, own, second, time, step, z, theta, dz):
 
 @kernel
 def _creep_run(values, dt, T):
-    """Return the mean of the slow followers along values, at rest on the first."""
+    """Return how far the slow followers have moved in the mean along values, at rest on the first."""
     out = np.zeros(values.size)
     for i in range(N_LAGS):
         ratio = dt / max(_time_of_lag(i, T), 1e-12 * dt)
@@ -148,12 +148,12 @@ def _creep_run(values, dt, T):
         for k in range(values.size):
             if k > 0:
                 follower = decay * follower + (1.0 - decay - new) * values[k - 1] + new * values[k]
-            out[k] += follower / N_LAGS
+            out[k] += (follower - values[0]) / N_LAGS
     return out
 
 
 def _creep_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * (by_pieces(_creep_run, signal, first, dt, theta[1]) - signal)
+    return signal + theta[0] * by_pieces(_creep_run, signal, first, dt, theta[1])
 
 
 def _creep_starts(setting: Setting) -> np.ndarray:
@@ -220,7 +220,8 @@ HYSTERESIS = (
         code="creep",
         title="Creep",
         sentence="After every step it goes on a little, ever more slowly.",
-        equation="g (mean of L_Ti[s] - s), added; slow lags Ti = T 10^(i/2), i = 0, 1, 2",
+        equation="g (mean of L_Ti[s] - s), added in a state equation; s + g (mean of L_Ti[s] - s at first) "
+        "at an output; slow lags Ti = T 10^(i/2), i = 0, 1, 2",
         parameters=(EffectParameter("g", "{port}/({arg})", 0.0), EffectParameter("T", "s", 0.0)),
         starts=_creep_starts,
         force=_creep,
@@ -229,7 +230,6 @@ HYSTERESIS = (
         argument="position",
         n_memory=N_LAGS,
         lookalikes=("additive_drift", "extra_mode", "lag", "prandtl_ishlinskii"),
-        holds=("lag",),
         separate_by="long holds at several levels",
         source="Croft, Shed and Devasia 2001, J. Dyn. Syst. Meas. Control 123(1), sec. 2",
         narx_terms="a slow pole: longer lags of y",

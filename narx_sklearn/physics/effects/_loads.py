@@ -18,6 +18,7 @@ from narx_sklearn.physics.effects._starts import (
 SMALLEST_TURN = 0.05  # rad: below it the sine of an angle is the angle
 QUARTER = 0.5 * np.pi
 TURN = 2 * np.pi
+WAVES = np.concatenate([np.arange(1.0, 8.0, 0.5), np.arange(8.0, 17.0)])  # in the range of the angle
 
 
 @kernel
@@ -52,22 +53,22 @@ def _ripple_of_level(level, N, p, r):
 
 
 def _cogging_starts(setting: Setting) -> np.ndarray:
-    """Wave numbers where the residual shows them; else a few that pass two to sixteen waves in the range.
+    """Wave numbers close enough that none falls between two, and those that the residual shows best.
 
     Over more than a turn they are whole numbers, since the load repeats with the angle.
     """
+    low, high = quantiles(setting.argument, [0.02, 0.98])
     turn = _turn(setting)
-    if turn < SMALLEST_TURN:
+    if not high > low:
         return np.empty((0, 4))
+    whole = turn > TURN
     # a fifth of the width of a line apart, so that none is missed
-    waves = np.arange(1, 101) if turn > TURN else TURN / turn * np.arange(1.0, 40.0, 0.2)
-    found = lines_in_angle(setting, waves.astype(float), 3)
-    if found.size == 0:
-        found = TURN / turn * np.array([2.0, 4.0, 8.0, 16.0])
-        found = np.unique(np.maximum(np.round(found), 1.0)) if turn > TURN else found
+    fine = np.arange(1.0, 101.0) if whole else TURN / turn * np.arange(1.0, 40.0, 0.2)
+    coarse = TURN / (high - low) * WAVES
+    coarse = np.unique(np.maximum(np.round(coarse), 1.0)) if whole else coarse
     return scaled(
         setting,
-        grid([1.0], found, [0.0, QUARTER], [0.0]),
+        grid([1.0], np.union1d(coarse, lines_in_angle(setting, fine, 3)), [0.0, QUARTER], [0.0]),
         lambda row: _ripple_of_level(setting.argument, *row[1:]),
     )
 
