@@ -354,6 +354,43 @@ class TestLatePieces:
         assert np.sqrt(np.mean((late.y - y[600:]) ** 2)) < 0.05
 
 
+class TestSlowAndLate:
+    def recording(self, effect, loud_from=0, n=1500, seed=3):
+        u = levels(np.random.default_rng(seed), n)
+        u[:loud_from] *= 0.3
+        y = make_circuit().with_effects([effect]).simulate(u)
+        return u, y + 0.02 * np.std(y) * np.random.default_rng(seed + 1).normal(size=y.shape)
+
+    def test_a_limit_that_is_met_at_the_end_only_is_found(self):
+        limit = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-5.0, 5.0))
+        u, y = self.recording(limit, loud_from=1230)
+        effects = ["sensor_clip", "cubic_stiffness", "lag"]
+        found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
+        assert found.findings_[0].effect == "sensor_clip"
+        assert "the beginning was held out instead" in found.report_
+        assert found.scores_.loc["augmented", "nrmse"] < 1.05 * found.scores_.loc["refitted", "nrmse"]
+
+    def test_an_offset_is_no_drifting_noise(self):
+        bias = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.06,))
+        u, y = self.recording(bias)
+        effects = ["sensor_bias", "cubic_stiffness", "lag"]
+        found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
+        assert found.findings_[0].effect == "sensor_bias"
+
+    @pytest.mark.parametrize("drift", [0.0, 0.004])
+    def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self, drift):
+        n = 1500
+        u = levels(np.random.default_rng(5), n)
+        rng = np.random.default_rng(6)
+        y = make_circuit().simulate(u) + 0.05 * rng.normal(size=(n, 1))
+        y += drift * np.cumsum(rng.normal(size=(n, 1)), axis=0)
+        effects = ["additive_drift", "sensor_bias", "constant_load", "creep", "cubic_stiffness"]
+        found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
+        assert [f.effect for f in found.findings_] in ([], ["additive_drift"])
+        if not drift:
+            assert found.verdict_ in ("consistent", "refit")
+
+
 class TestUnnamedForces:
     def test_a_force_of_position_and_rate_fits_what_no_curve_can(self):
         def damped(x, u, p):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
@@ -207,9 +209,25 @@ class TestNoise:
         coloured = problem.with_noise(Noise((np.array([0.5]),), np.array([2.0])))
         signal = np.arange(1200.0)[:, None]
         white = coloured.whiten(signal).reshape(coloured.seen.shape)
-        assert np.all(white[:, 0] == 0)  # nothing is known before a window's first sample
+        # nothing is known before a window's first sample, so it has the noise's whole spread
+        first = signal[coloured.windows.first, 0]
+        np.testing.assert_allclose(white[:, 0, 0], first / 2.0 * np.sqrt(1 - 0.5**2))
         k = int(coloured.windows.first[1]) + 5
         assert white[1, 5, 0] == pytest.approx((k - 0.5 * (k - 1)) / 2.0)
+
+    @pytest.mark.parametrize("a", [[0.9], [0.5, -0.3], [1.2, -0.5, 0.1]])
+    def test_whitening_is_that_of_the_covariance(self, a):
+        """Squares and log determinant are those of the Gaussian likelihood with the whole covariance."""
+        noise, n = Noise((np.array(a),), np.array([1.7])), 40
+        impulse = lfilter([1.0], np.concatenate([[1.0], -np.array(a)]), np.eye(1, 4000)[0])
+        covariance = 1.7**2 * toeplitz([impulse[: 4000 - lag] @ impulse[lag:] for lag in range(n)])
+        r = np.random.default_rng(0).normal(size=(3, n, 1))
+        white = noise.innovations(r)
+        np.testing.assert_allclose(
+            np.sum(white**2, axis=(1, 2)), [x @ np.linalg.solve(covariance, x) for x in r[:, :, 0]], rtol=1e-6
+        )
+        determinant = noise.log_determinant(1) + 2 * n * np.log(1.7)
+        assert determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
 
 
 class TestDetection:

@@ -1,14 +1,18 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.noise import estimate_noise, noise_deviance
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 
 ROUNDS = 4  # of noise and model in turn, at most
 COLOUR = 2.0  # price of a coefficient of the noise
+DRIFT, OFFSET = "additive_drift", "sensor_bias"
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
 
@@ -32,22 +36,62 @@ def chance_of_noise(gained: float, n_tried: int, n_values: float) -> float:
     return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
 
 
-def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float:
+class Noises(NamedTuple):
+    """Which noise an effect is held against."""
+
+    may_drift: bool = True  # else it stays about a level
+    from_zero: bool = False  # goes on from window to window: what has a level from the first on is not noise
+
+
+ANY = Noises()
+
+
+def held_against(effect: PlacedEffect) -> list[Noises]:
+    """Return the noises to each of which an effect must be preferred.
+
+    Noise that drifts is as good as a drift of an output, and within a window as an offset: these two are held
+    against noise that does not, an offset against noise that begins at zero too.
+    """
+    if effect.port.kind != "output" or effect.effect.code not in (DRIFT, OFFSET):
+        return [ANY]
+    return [Noises(may_drift=False)] + [Noises(from_zero=True)] * (effect.effect.code == OFFSET)
+
+
+def deviance(problem: Problem, model: Model, noises: Noises = ANY) -> float:
     """Return minus twice the log-likelihood under noise of its own colour, with a price for the colour.
 
-    The price is that of Akaike (1974): a dearer one would leave a faint colour to the effect.
-    Noise and model are fitted in turn, each to what the other leaves. Noise that may not drift stays about a
-    level.
+    The price is that of Akaike (1974): a dearer one would leave a faint colour to the effect. Noise and
+    model are fitted in turn, each to what the other leaves.
     """
     lowest = np.inf
+    may_drift = noises.may_drift
     for _ in range(ROUNDS):
-        noise = estimate_noise(problem.left_over(model), problem.seen, may_drift=may_drift, price=COLOUR)
+        left = problem.left_over(model)
+        noise = estimate_noise(left, problem.seen, may_drift=may_drift, price=COLOUR)
+        if noises.from_zero:
+            joined, seen = _joined(problem, left), _joined(problem, problem.seen)
+            value = noise_deviance(joined, seen, may_drift=may_drift, price=COLOUR)
         own = problem.with_noise(noise)
         found = fit(own, model)
-        mean_square = found.cost / max(own.n_seen, 1)
-        level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
-        value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
+        if not noises.from_zero:
+            mean_square = found.cost / max(own.n_seen, 1)
+            level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
+            value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
+            value += noise.log_determinant(problem.windows.count)
         gained, lowest, model = lowest - value, min(lowest, value), found.model
         if not gained > ENOUGH:
             break
     return float(lowest)
+
+
+def _joined(problem: Problem, values: np.ndarray) -> np.ndarray:
+    """Return what stands in windows, (W, L, n), by stretches of windows that follow without a gap."""
+    starts = np.flatnonzero(problem.windows.fresh)
+    lengths = problem.windows.last - problem.windows.first
+    stretches = np.split(np.arange(lengths.size), starts[1:])
+    longest = max(int(lengths[stretch].sum()) for stretch in stretches)
+    out = np.zeros((len(stretches), longest, values.shape[2]), dtype=values.dtype)
+    for row, stretch in zip(out, stretches, strict=True):
+        joined = np.concatenate([values[w, : lengths[w]] for w in stretch])
+        row[: len(joined)] = joined
+    return out

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
+from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
-    DRIFT,
     FINE,
     ODD,
     Candidate,

@@ -9,7 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
+from narx_sklearn.discrepancy.confirm import ANY, chance_of_noise, deviance, held_against
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -22,7 +22,6 @@ MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps
 TWINS = 7  # leaders that are also tried from the simulator's own parameter values
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
-DRIFT = "additive_drift"
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
@@ -115,7 +114,10 @@ def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
 
 
 def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
-    """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength."""
+    """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
+
+    Where no parameter scales an effect, the last of its starts is the one that is best as it stands.
+    """
     gain, strength = gains(bank)
     scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
     best: dict[int, list[int]] = {}
@@ -131,7 +133,10 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     for h, columns in list(best.items())[:n]:
         hypothesis = bank.hypotheses[h]
         most = max(STARTS, len(hypothesis.starts) // MANY)
-        for j in [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]:
+        chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
+        if hypothesis.placed.effect.amplitude is None and len(chosen) == most:
+            chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
+        for j in dict.fromkeys(chosen):
             theta = hypothesis.starts[bank.start[j]].copy()
             if hypothesis.placed.effect.amplitude is not None:
                 theta[hypothesis.placed.effect.amplitude] *= strength[j]
@@ -274,31 +279,32 @@ def _confirmed(
 ) -> tuple[Detection, list[Candidate]]:
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
-    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price. A
-    drift of an output and noise that drifts are one thing under two names, so the former is held against
-    noise that does not drift; if it alone stands then, it alone is found.
+    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
+    Where only a drift or an offset of an output stands, with drifting noise not against it, only such a one
+    is found.
     """
     if not found:
         return detection, found
-    without = cache(lambda may_drift: deviance(problem, base.fit.model, may_drift=may_drift))
+    without = cache(lambda noises: deviance(problem, base.fit.model, noises))
     n_tried = len(bank.hypotheses)
     chances: dict[bool, list[float]] = {False: [], True: []}
     for candidate in found[:CONFIRMED]:
         if candidate.criterion <= found[0].criterion + HARDLY:
-            effect, drifts = candidate.effects[-1], is_drift(candidate)
-            left = deviance(problem, candidate.fit.model, may_drift=not drifts)
-            gained = without(not drifts) - left - ODD * effect.odd
-            chances[drifts].append(chance_of_noise(gained, n_tried, _shapes(effect, problem, bank)))
+            effect = candidate.effects[-1]
+            gained = min(
+                without(noises) - deviance(problem, candidate.fit.model, noises)
+                for noises in held_against(effect)
+            )
+            chance = chance_of_noise(gained - ODD * effect.odd, n_tried, _shapes(effect, problem, bank))
+            chances[_is_slow(candidate)].append(chance)
     least = min(chances[False] + chances[True])
     if least <= alpha < min(chances[False], default=1.0):
-        found = [candidate for candidate in found if is_drift(candidate)]
+        found = [candidate for candidate in found if _is_slow(candidate)]
     return detection._replace(p_value=max(detection.p_value, least)), found
 
 
-def is_drift(candidate: Candidate) -> bool:
-    """Tell whether the last effect of a set is what noise that drifts would be called."""
-    last = candidate.effects[-1]
-    return last.effect.code == DRIFT and last.port.kind == "output"
+def _is_slow(candidate: Candidate) -> bool:
+    return held_against(candidate.effects[-1]) != [ANY]
 
 
 def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:

@@ -1,9 +1,10 @@
 """The colour of what is left over: a small time-series model of each output's residual."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_toeplitz
+from scipy.linalg import LinAlgError, solve_toeplitz, solve_triangular, toeplitz
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
@@ -39,8 +40,25 @@ class Noise(NamedTuple):
         """Number of coefficients, the variances not counted."""
         return sum(a.size for a in self.coefficients) + sum(b != 0 for b in self.average)
 
+    def starting(self, output: int) -> np.ndarray | None:
+        """Return the root of the covariance of the first samples of a window, (order, order).
+
+        In units of the innovations. None where the noise has none, for want of memory or of a level.
+        """
+        a = self.coefficients[output]
+        if not a.size or (self.average and self.average[output]):
+            return None
+        return _root_of_covariance(tuple(a.tolist()))
+
+    def log_determinant(self, n_windows: int) -> float:
+        """Return the log determinant of what is not scaled to innovations: the beginnings of the windows."""
+        roots = [self.starting(output) for output in range(len(self.coefficients))]
+        return 2 * n_windows * sum(float(np.log(np.diag(root)).sum()) for root in roots if root is not None)
+
     def innovations(self, windowed: np.ndarray, counts: np.ndarray | None = None) -> np.ndarray:
         """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown.
+
+        The first samples of a window have the covariance of the noise as it lasts, so that none is free.
 
         Parameters
         ----------
@@ -53,7 +71,10 @@ class Noise(NamedTuple):
             scaled = windowed[:, :, output] / self.sigma[output]
             for lag, coefficient in enumerate(a, start=1):
                 out[:, lag:, output] -= coefficient * scaled[:, :-lag]
-            out[:, : a.size, output] = 0.0
+            root = self.starting(output)
+            out[:, : a.size, output] = (
+                0.0 if root is None else solve_triangular(root, scaled[:, : a.size].T, lower=True).T
+            )
             if self.average and self.average[output]:
                 b = self.average[output]
                 filtered = lfilter([1.0], [1.0, -b], out[:, :, output], axis=1)
@@ -61,6 +82,21 @@ class Noise(NamedTuple):
                 inside[:, : a.size] = False
                 out[:, :, output] = _whatever_the_start(filtered, b, inside)
         return out
+
+
+@lru_cache(maxsize=64)
+def _root_of_covariance(a: tuple[float, ...]) -> np.ndarray | None:
+    """Return the Cholesky root of the covariance of as many samples of an autoregression as it has lags."""
+    order = len(a)
+    equations = np.eye(order + 1)
+    for i in range(order + 1):
+        for lag, coefficient in enumerate(a, start=1):
+            equations[i, abs(i - lag)] -= coefficient
+    try:
+        covariance = np.linalg.solve(equations, np.eye(order + 1)[0])
+        return np.linalg.cholesky(toeplitz(covariance[:order]))
+    except np.linalg.LinAlgError:  # a unit root: it lasts nowhere
+        return None
 
 
 def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarray:
@@ -95,17 +131,30 @@ def estimate_noise(
     price : float, optional
         Of a coefficient, in units of the deviance; by default that of BIC.
     """
-    coefficients, sigmas, averages = [], [], []
+    found = list(_best(residual, seen, longest, may_drift, price))
+    sigma = np.sqrt([max(variance, 1e-300) for _, _, _, variance in found])
+    return Noise(tuple(a for _, a, _, _ in found), sigma, tuple(b for _, _, b, _ in found))
+
+
+def noise_deviance(
+    residual: np.ndarray, seen: np.ndarray, *, may_drift: bool = True, price: float | None = None
+) -> float:
+    """Return minus twice the log-likelihood of residuals under the best noise that begins at zero.
+
+    The price of its coefficients is added. Parameters are those of :func:`estimate_noise`.
+    """
+    return float(sum(best[0] for best in _best(residual, seen, LONGEST, may_drift, price, from_zero=True)))
+
+
+def _best(residual, seen, longest: int, may_drift: bool, price: float | None, from_zero: bool = False):
+    """Yield (criterion, a, b, variance) of the best noise model of each output."""
     for output in range(residual.shape[2]):
         r, known = residual[:, :, output], seen[:, :, output]
         each = np.log(max(known.sum(), 2)) if price is None else price
-        best = _autoregression(r, known, longest, each)
+        models = [_autoregression(r, known, longest, each)]
         if may_drift:
-            best = min(best, _with_moving_average(r, known, each), key=lambda found: found[0])
-        coefficients.append(best[1])
-        averages.append(best[2])
-        sigmas.append(np.sqrt(max(best[3], 1e-300)))
-    return Noise(tuple(coefficients), np.array(sigmas), tuple(averages))
+            models.append(_with_moving_average(r, known, each, from_zero))
+        yield min(models, key=lambda found: found[0])
 
 
 def _autoregression(r: np.ndarray, known: np.ndarray, longest: int, price: float):
@@ -139,12 +188,15 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
     return float(np.sum(e[counts] ** 2) / max(counts.sum(), 1))
 
 
-def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
+def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float, from_zero: bool):
     """Return (criterion, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}.
 
     Fitted by conditional least squares. b is at most a: a drift adds slow noise. What lacks slow power has
     been fitted, and is no noise.
     """
+    if from_zero:
+        r = np.pad(r, ((0, 0), (1, 0)))
+        known = np.pad(known, ((0, 0), (1, 0)), constant_values=True)
     pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
     n = int(pairs.sum())
     if n < 50 or not np.any(r):
@@ -158,7 +210,8 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
     def cost(values) -> float:
         a, b = drift(values)
         moved = r[:, 1:] - a * r[:, :-1]
-        e = _whatever_the_start(lfilter([1.0], [1.0, -b], moved, axis=1), b, pairs)
+        e = lfilter([1.0], [1.0, -b], moved, axis=1)
+        e = np.where(pairs, e, 0.0) if from_zero else _whatever_the_start(e, b, pairs)
         return float(np.sum(e**2)) / n
 
     starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]

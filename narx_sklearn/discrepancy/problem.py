@@ -74,7 +74,8 @@ class Problem:
         for output, a in enumerate(self.noise.coefficients):
             for lag in range(1, a.size + 1):
                 counts[:, lag:, output] &= self.seen[:, :-lag, output]
-                counts[:, :lag, output] = False
+            if self.noise.starting(output) is None:
+                counts[:, : a.size, output] = False
         return counts
 
     def raw(self, signal: np.ndarray) -> np.ndarray:

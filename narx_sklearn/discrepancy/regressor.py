@@ -1,6 +1,7 @@
 """DiscrepancyRegressor: the diagnosis as a scikit-learn estimator."""
 
 import sys
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -18,15 +19,16 @@ from narx_sklearn._validation import (
     split_unit,
 )
 from narx_sklearn.discrepancy.checks import check_record
+from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, Settings, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment
-from narx_sklearn.discrepancy.explain import DRIFT
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
 from narx_sklearn.discrepancy.placed import in_short
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
+from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.verify import (
@@ -42,6 +44,7 @@ from narx_sklearn.discrepancy.verify import (
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
+SECOND_LOOK = 0.25  # of alpha
 MOST_RIVALS = 4  # explanations that one experiment is asked to separate
 
 
@@ -62,7 +65,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     exclude : list of str, default=()
         Codes left out.
     alpha : float, default=0.005
-        Chance of a false alarm allowed where nothing is missing.
+        Chance of a false alarm allowed where nothing is missing; a second look has a quarter of it.
     level : float, default=0.9
         Confidence level of all intervals.
     max_effects : int, default=2
@@ -73,7 +76,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Samples in a fitting window. When not given, twenty time constants of the simulator; a fortieth of
         the record and then a quarter of it where an integrator or an unstable mode does not forget.
     test_fraction : float, default=0.2
-        Last share of each session kept out of every decision, for the verification.
+        Last share of each session kept out of every decision, for the verification. Where nothing is missing
+        before it, a second look keeps out the first share instead: a limit may be met at the end only.
     random_state : int, default=0
         Seed of the sign flips and of the bootstrap.
     n_jobs : int, optional
@@ -187,7 +191,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         effects = self._chosen_effects()
         u, measured = self._read(X, y)
         _check_motion(measured)
-        fitting, held_out = self._split(u, sessions)
         self._tell("check of the record")
         simulator = self.simulator.identified(u, sessions=sessions)
         self.data_findings_ = list(check_record(simulator, u, measured, sessions))
@@ -205,13 +208,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.n_jobs,
             self._tell,
         )
-        diagnosis = diagnose(simulator, u, measured, fitting, settings)
+        diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
         if labels is not None and all(isinstance(label, str) for label in labels):
             self.feature_names_in_ = np.array(labels, dtype=object)
         self._mean_input = np.nanmean(u, axis=0)
-        self._store(diagnosis, u, measured, held_out)
+        self._store(diagnosis, u, measured, self._split(u, sessions)[1])
         return self
 
     def predict(self, X, y_init=None, sessions=None):
@@ -378,6 +381,25 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------------------
 
+    def _diagnosed(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
+        """Return the diagnosis, that of the second look where only it finds something missing."""
+        self._late_only = False
+        fitting, held_out = self._split(u, sessions)
+        first = diagnose(simulator, u, y, fitting, settings)
+        if first.verdict not in NOTHING_MISSING or not held_out:
+            return first
+        self._tell("a second look, at the samples held out")
+        self._late_only = True
+        settings = replace(settings, alpha=SECOND_LOOK * settings.alpha)
+        second = diagnose(simulator, u, y, self._split(u, sessions)[0], settings)
+        self._late_only = second.verdict not in NOTHING_MISSING
+        return second if self._late_only else first
+
+    @property
+    def _nearest(self) -> int:
+        """Window next to what was held out."""
+        return 0 if self._late_only else -1
+
     def _check_settings(self) -> None:
         if not isinstance(self.simulator, Simulator):
             raise TypeError(
@@ -452,14 +474,19 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return found
 
     def _split(self, u, sessions):
-        """Return fitting and held-out pieces (the ends), each with the first sample of its session."""
+        """Return fitting and held-out pieces, each with the first sample of its session.
+
+        Held out are the ends, or the beginnings where something shows at the ends only.
+        """
         fitting, held_out = [], []
         for piece, session in self._pieces(u, sessions):
-            n = piece.stop - piece.start
-            edge = piece.stop - round(self.test_fraction * n)
-            fitting.append((slice(piece.start, edge), session))
-            if piece.stop - edge > 1:
-                held_out.append((slice(edge, piece.stop), session))
+            n_out = round(self.test_fraction * (piece.stop - piece.start))
+            edge = piece.start + n_out if self._late_only else piece.stop - n_out
+            parts = slice(piece.start, edge), slice(edge, piece.stop)
+            kept, out = reversed(parts) if self._late_only else parts
+            fitting.append((kept, session))
+            if n_out > 1:
+                held_out.append((out, session))
         return fitting, held_out
 
     def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
@@ -475,7 +502,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.simulator_ = corrected
         lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
         self._n_init = int(max(8 * (len(self.simulator.states) + 1), min(np.median(lengths) // 2, 200)))
-        self._guess = fit.model.x0[-1]
+        self._guess = fit.model.x0[self._nearest]
         self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
         self.findings_ = make_findings(diagnosis, self.level, self.simulator)
@@ -511,8 +538,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not long_enough:
             return pd.DataFrame()
         guesses = {
-            "nominal": self._diagnosis.nominal.model.x0[-1],
-            "refitted": self._diagnosis.refitted.model.x0[-1],
+            "nominal": self._diagnosis.nominal.model.x0[self._nearest],
+            "refitted": self._diagnosis.refitted.model.x0[self._nearest],
             "augmented": self._guess,
         }
         errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses, {"augmented": self._lead})
@@ -526,7 +553,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
                 return True
         found = self._diagnosis
-        guesses = (found.refitted.model.x0[-1], self._guess)
+        guesses = (found.refitted.model.x0[self._nearest], self._guess)
         less = gained(found.problem, self.refitted_simulator_, self.simulator_, held_out, guesses, self._lead)
         # what the uncertainty of its parameters costs on other samples is no harm
         by_chance = chi2.isf(0.01, found.best.fit.model.q.size) * found.best.fit.cost / found.best.n_samples

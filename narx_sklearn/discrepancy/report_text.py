@@ -63,6 +63,8 @@ def _scores(dx) -> list[str]:
             f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
             f"{100 * row['nrmse_high']:.3g} %)"
         )
+    if dx._late_only:
+        lines.append("   What is missing shows near the end only, so the beginning was held out instead.")
     if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
         lines.append("   Nobody can foresee the course of a drift: the corrected simulation leaves it out.")
     return [*lines, ""]

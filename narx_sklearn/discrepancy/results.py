@@ -11,6 +11,8 @@ VERDICTS = {
 }
 
 
+NOTHING_MISSING = ("consistent", "refit")
+
 LEAST = 1e-12  # p-values below say no more than that
 
 

@@ -10,7 +10,7 @@ from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
-NARROW, WIDE = 0.05, 0.25  # widths of a knee, as shares of the signal's range
+NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
 LEVELS_TRIED = 200  # on either side
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
@@ -30,11 +30,12 @@ def _saturation_transform(signal, second, dt, theta, first):
 
 
 def _saturation_starts(setting: Setting) -> np.ndarray:
-    """Both levels or one alone, with a narrow knee; and a drive that gives less and less all the way."""
+    """Both levels or one alone, with a narrow knee; levels that only just show, and a gradual loss."""
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     rows = np.column_stack([_levels(setting), np.full(5, NARROW * (highest - lowest))])
+    beginning = [lowest, highest, BEGINNING * (highest - lowest)]
     gradual = [*quantiles(setting.argument, [0.1, 0.9]), WIDE * (highest - lowest)]
-    return telling(setting, np.vstack([rows, gradual]), _saturation_transform)
+    return telling(setting, np.vstack([rows, beginning, gradual]), _saturation_transform)
 
 
 def _clip_transform(signal, second, dt, theta, first):
