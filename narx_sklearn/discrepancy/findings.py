@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
 
+OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -69,7 +70,10 @@ def told(diagnosis: Diagnosis) -> Candidate:
 
 
 def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
-    """Return the weight of this effect among all that were tried in its place, from the criterion."""
+    """Return the weight of this effect among all that were tried in its place, from the criterion.
+
+    A share is left to what no catalogue holds, however well a name fits.
+    """
     place = best.effects[i].place
     kept = {e.place for e in best.effects if e.place != place}
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
@@ -80,7 +84,7 @@ def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
             worse = max(candidate.criterion - best.criterion, 0.0)
             code = others[0].effect.code
             weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
-    return (1.0 - diagnosis.p_missing) / sum(weights.values())
+    return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())
 
 
 def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
