@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from scipy.signal import lsim
 
@@ -28,7 +29,13 @@ from narx_sklearn.physics.effects import (
 from narx_sklearn.physics.effects._clearance import _plays_run, _stiction_run
 from narx_sklearn.physics.effects._dynamics import _lag_run, _mode_matrices, _mode_run
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
-from narx_sklearn.physics.effects._hysteresis import N_PLAYS, _bouc_wen_run, _creep_run, _weighted_plays_run
+from narx_sklearn.physics.effects._hysteresis import (
+    N_PLAYS,
+    REACH,
+    _bouc_wen_run,
+    _creep_run,
+    _weighted_plays_run,
+)
 from narx_sklearn.physics.effects._limits import _rate_limit_run
 
 # which effect acts where: the table of the catalogue's specification
@@ -313,7 +320,7 @@ class TestForces:
             ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
             ("backlash", [4.0, 0.1, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
             ("backlash", [4.0, 0.1, 0.5], {"argument": 1.0}, 0.0),  # begins centred
-            ("bouc_wen_hysteresis", [4.0, 1.0, 0.75, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
+            ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
             ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": np.nan}, 0.3),
@@ -558,7 +565,7 @@ class TestTransforms:
             ("rate_limit", [1e9]),
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
-            ("bouc_wen_hysteresis", [0.0, 1.0, 0.75, 1.0]),
+            ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0]),
             ("creep", [0.0, 1.0]),
             ("delay", [0.0]),
@@ -584,7 +591,7 @@ class TestTransforms:
             ("backlash", [1.0, 0.3, 0.0]),
             ("valve_stiction", [0.6, 0.5, 0.5]),
             ("rate_limit", [0.5]),
-            ("bouc_wen_hysteresis", [0.5, 1.0, 0.75, 1.0]),
+            ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0]),
             ("creep", [0.5, 1.0]),
             ("delay", [0.3]),
@@ -717,8 +724,9 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("run", "theta"),
         [
-            (_bouc_wen_run, (0.5, 0.75, 1.5)),
-            (_bouc_wen_run, (1e-4, 0.75, 1.0)),
+            (_bouc_wen_run, (0.5, 1.0, 1.5)),
+            (_bouc_wen_run, (0.5, -1.4, 1.5)),
+            (_bouc_wen_run, (1e-4, 1.0, 1.0)),
             (_weighted_plays_run, (1.0, 0.5)),
             (_creep_run, (DT, 0.5)),
             (_plays_run, (0.3, 0.5)),
@@ -759,22 +767,48 @@ class TestHysteresis:
         np.testing.assert_allclose(up - up[0], down - down[0], atol=1e-12)
         assert abs(up[0] - down[0]) > 0.1
 
-    @pytest.mark.parametrize("beta", [0.5, 0.75, 1.5])
-    def test_bouc_wen_loads_along_its_closed_form(self, beta):
-        """dz/dx = 1 - |z/zy|^n from rest: zy (1 - exp(-x/zy)) for n = 1, zy tanh(x/zy) for n = 2."""
+    @pytest.mark.parametrize("r", [-0.5, 0.0, 1.0])
+    def test_bouc_wen_loads_along_its_closed_form(self, r):
+        """dz/dx = 1 - |z/Y|^n from rest: Y (1 - exp(-x/Y)) for n = 1, Y tanh(x/Y) for n = 2, Y the yield."""
         x, zy = np.linspace(0, 3, 100), 0.8
-        np.testing.assert_allclose(_bouc_wen_run(x, zy, beta, 1.0), zy * (1 - np.exp(-x / zy)), atol=1e-3)
-        np.testing.assert_allclose(_bouc_wen_run(x, zy, beta, 2.0), zy * np.tanh(x / zy), atol=1e-3)
+        first, second = zy / (1 + r), zy / np.sqrt(1 + r)
+        np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 1.0), first * (1 - np.exp(-x / first)), atol=2e-3)
+        np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 2.0), second * np.tanh(x / second), atol=2e-3)
 
-    @given(seed=st.integers(0, 30), beta=st.floats(0.5, 2.0), n=st.floats(0.5, 6.0), zy=st.floats(1e-3, 5.0))
-    @settings(max_examples=20)
-    def test_bouc_wen_stays_within_its_yield(self, seed, beta, n, zy):
+    def test_bouc_wen_hardens_along_its_closed_form(self):
+        """r = -3/2, n = 1: dz/dx = 1 + z/2zy up, and 1 + 5z/2zy on the way back."""
+        zy, up, back = 0.8, np.linspace(0, 1, 200), np.linspace(1, 0.9, 50)
+        top = 2 * zy * np.expm1(1 / (2 * zy))
+        down = (top + zy / 2.5) * np.exp(-2.5 * (1 - back) / zy) - zy / 2.5
+        z = _bouc_wen_run(np.concatenate([up, back]), zy, -1.5, 1.0)
+        np.testing.assert_allclose(z[:200], 2 * zy * np.expm1(up / (2 * zy)), atol=1e-3)
+        np.testing.assert_allclose(z[200:], down, atol=2e-3)
+
+    def test_bouc_wen_holds_the_published_hardening_loop(self):
+        """Noel and Schoukens 2016: z' = alpha v - beta (gamma abs(v) z + delta v abs(z)), b + g < 0."""
+        alpha, beta, gamma, delta = 5e4, 1e3, 0.8, -1.1
+        time = np.linspace(0, 1, 20001)
+        x = 1e-3 * (np.sin(4 * np.pi * time) + 0.5 * np.sin(14 * np.pi * time))
+
+        def slope(t, z):
+            v = 1e-3 * np.pi * (4 * np.cos(4 * np.pi * t) + 7 * np.cos(14 * np.pi * t))
+            return alpha * v - beta * (gamma * abs(v) * z + delta * v * abs(z))
+
+        expected = solve_ivp(slope, (0, 1), [0.0], t_eval=time, rtol=1e-9, atol=1e-9, max_step=1e-3).y[0]
+        z = alpha * _bouc_wen_run(x, 1 / (beta * gamma), delta / gamma, 1.0)
+        np.testing.assert_allclose(z, expected, atol=1e-3 * np.max(np.abs(expected)))
+
+    @given(seed=st.integers(0, 30), r=st.floats(-2.0, 3.0), n=st.floats(0.5, 6.0), zy=st.floats(1e-3, 5.0))
+    @settings(max_examples=40)
+    def test_bouc_wen_stays_within_its_bound(self, seed, r, n, zy):
+        """Loading ends at zy/(1 + r)^(1/n); where it ends nowhere near, the reach bounds it."""
         x = np.random.default_rng(seed).normal(size=40)
-        assert np.max(np.abs(_bouc_wen_run(x, zy, beta, n))) <= zy * (1 + 1e-12)
+        bound = zy * (1 + r) ** (-1 / n) if r > -1 else np.inf
+        assert np.max(np.abs(_bouc_wen_run(x, zy, r, n))) <= min(bound, REACH * zy) * (1 + 1e-12)
 
     @pytest.mark.parametrize("code", ["bouc_wen_hysteresis", "prandtl_ishlinskii", "backlash"])
     def test_hysteresis_does_not_depend_on_speed(self, code):
-        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 0.75, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0]}
+        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 1.0, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0]}
         theta = theta.get(code, [1.0, 0.3, 0.5])
         slow = np.sin(np.linspace(0, 10, 4001))
         np.testing.assert_allclose(
@@ -784,8 +818,9 @@ class TestHysteresis:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("bouc_wen_hysteresis", [3.0, 0.4, 0.75, 1.0]),
-            ("bouc_wen_hysteresis", [3.0, 0.4, 0.5, 2.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.4, 1.0, 1.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.4, 0.0, 2.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.8, -1.4, 1.0]),
             ("prandtl_ishlinskii", [3.0, 0.7, 0.0]),
             ("backlash", [3.0, 0.3, 0.0]),
         ],

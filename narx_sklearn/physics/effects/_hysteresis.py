@@ -14,40 +14,49 @@ N_PLAYS = 10  # radii of the Prandtl-Ishlinskii model, evenly up to the largest
 N_LAGS = 3  # slow poles half a decade apart: together close to log(t) over a decade and a half
 FINEST_STEP = 0.1  # of the yield displacement, in which a Bouc-Wen element follows a sample's move
 FORGOTTEN = 20.0  # yield displacements of one move after which nothing of what was before is left
+SOFT, HARD = 1 / 3, -1.5  # r of a loop that yields, and of one that hardens
+REACH = 10.0  # zy: larger than any loop, and so near that no power of it overflows
 
 
 @kernel
-def _bouc_wen_slope(z, direction, zy, beta, n):
-    """Return dz/dx of a Bouc-Wen element with |z| <= zy, moving up (1) or down (-1)."""
-    share = min(abs(z) / zy, 1.0) ** n
+def _bouc_wen_bound(zy, r, n):
+    """Return what |z| may not exceed: the yield at which loading ends, or the reach where none is near."""
+    return zy * min((1.0 + r) ** (-1.0 / n), REACH) if r > -1.0 else REACH * zy
+
+
+@kernel
+def _bouc_wen_slope(z, direction, zy, r, n):
+    """Return dz/dx of a Bouc-Wen element, moving up (1) or down (-1)."""
     along = direction if z > 0.0 else (-direction if z < 0.0 else 0.0)
-    return 1.0 - (beta * along + 1.0 - beta) * share
+    return 1.0 - (along + r) * min(abs(z) / zy, REACH) ** n
 
 
 @kernel
 def _bouc_wen(argument, rate, own, second, time, step, z, theta, dz):
     direction = 1.0 if rate > 0.0 else -1.0
     change = rate * _bouc_wen_slope(z[0], direction, theta[1], theta[2], theta[3])
-    # z is bounded by its equation; one long step must not leave that bound
-    dz[0] = min(max(change, (-theta[1] - z[0]) / step), (theta[1] - z[0]) / step)
+    # one long step must not leave the bound
+    bound = _bouc_wen_bound(theta[1], theta[2], theta[3])
+    dz[0] = min(max(change, (-bound - z[0]) / step), (bound - z[0]) / step)
     return -theta[0] * z[0]
 
 
 @kernel
-def _bouc_wen_run(values, zy, beta, n):
+def _bouc_wen_run(values, zy, r, n):
     """Return z along values, from 0 on the first."""
     out = np.empty(values.size)
+    bound = _bouc_wen_bound(zy, r, n)
     z = 0.0
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
-        move = min(max(move, -FORGOTTEN * zy), FORGOTTEN * zy)
+        move = min(max(move, -FORGOTTEN * bound), FORGOTTEN * bound)
         n_steps = int(np.ceil(abs(move) / (FINEST_STEP * zy)))
         direction = 1.0 if move > 0.0 else -1.0
         for _ in range(n_steps):
             part = move / n_steps
-            middle = z + 0.5 * part * _bouc_wen_slope(z, direction, zy, beta, n)
-            z += part * _bouc_wen_slope(middle, direction, zy, beta, n)
-            z = min(max(z, -zy), zy)
+            middle = z + 0.5 * part * _bouc_wen_slope(z, direction, zy, r, n)
+            z += part * _bouc_wen_slope(middle, direction, zy, r, n)
+            z = min(max(z, -bound), bound)
         out[k] = z
     return out
 
@@ -64,12 +73,14 @@ def _added(setting: Setting, transform):
 
 
 def _bouc_wen_starts(setting: Setting) -> np.ndarray:
+    """Return loops that yield at shares of the motion, a sharper one, and two that harden."""
     size = spread(setting.argument)
     if size == 0:
         return np.empty((0, 4))
-    first_order = grid([1.0], np.array([0.1, 0.4, 1.2]) * size, [0.75], [1.0])
-    rows = np.concatenate([first_order, [[1.0, 0.4 * size, 0.75, 2.0]]])
-    return scaled(setting, rows, _added(setting, _bouc_wen_transform))
+    yielding = [[y, SOFT, 1.0] for y in (0.1, 0.4, 1.2)] + [[0.4, SOFT, 2.0]]
+    rows = [[1.0, y * size * (1.0 + r) ** (1.0 / n), r, n] for y, r, n in yielding]
+    rows += [[1.0, scale * size, HARD, 1.0] for scale in (1.0, 3.0)]
+    return scaled(setting, np.array(rows), _added(setting, _bouc_wen_transform))
 
 
 @kernel
@@ -173,12 +184,12 @@ HYSTERESIS = (
         code="bouc_wen_hysteresis",
         title="Bouc-Wen hysteresis",
         sentence="The response depends on where the motion last turned, however slowly it goes.",
-        equation="-k z in a state equation, s - k z at an input; z' = v - v (beta sgn(v z) + 1 - beta) "
-        "|z/zy|^n, that is A = 1, b = beta/zy^n, g = (1 - beta)/zy^n",
+        equation="-k z in a state equation, s - k z at an input; z' = v - v (sgn(v z) + r) |z/zy|^n (A = 1, "
+        "b = 1/zy^n, g = r/zy^n): yields at zy/(1 + r)^(1/n) for r > -1, hardens for r < -1",
         parameters=(
             EffectParameter("k", "{port}/({arg})", 0.0),
             EffectParameter("zy", "{arg}", 1e-15),
-            EffectParameter("beta", "-", 0.5, 2.0),
+            EffectParameter("r", "-", -2.0, 3.0),
             EffectParameter("n", "-", 0.5, 6.0),
         ),
         starts=_bouc_wen_starts,
@@ -190,7 +201,7 @@ HYSTERESIS = (
         lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
         separate_by="loops at three rates, and minor loops",
         source="Wen 1976, J. Eng. Mech. Div. ASCE 102(2); Ismail, Ikhouane and Rodellar 2009, Arch. Comput. "
-        "Methods Eng. 16(2), sec. 2 (bound of z)",
+        "Methods Eng. 16(2), sec. 2 (bounded for all motions where b + g > 0, that is r > -1)",
         phi=_bouc_wen_hysteresis_phi,
     ),
     Effect(
