@@ -149,7 +149,18 @@ def test_effects_at_states_go_through_the_twin():
     effect = PlacedEffect(OFFSET, Port("state", 0), weights=(1.0,), theta=(0.1,))
     with pytest.raises(ValueError, match="call identified"):
         PROGRAM.with_effects([effect]).simulate(u)
-    sim = PROGRAM.identified(u)
+    sim = PROGRAM.identified(u)  # x' = 10 log(0.8) x + ..., pushed by 0.1 a second
+    pushed = sim.with_effects([effect]).simulate(u) - sim.simulate(u)
+    settled = 0.1 / (-10 * np.log(0.8))
+    expected = settled * (1 - 0.8 ** np.arange(300))
+    np.testing.assert_allclose(pushed[:, 0], expected, rtol=1e-4)  # steps of 0.22 time constants
+
+
+def test_effects_at_states_of_a_narx_twin_act_once_a_sample():
+    u = excitation()
+    effect = PlacedEffect(OFFSET, Port("state", 0), weights=(1.0,), theta=(0.1,))
+    about = (0.1, {"gain [m/V]": 2.0, "pole": (0.8, 0.0, 1.0)}, ["drive [V]"], ["level [m]"])
+    sim = CallableSimulator(lag, *about, regressor=NARXRegressor(1, 1, degree=1)).identified(u)
     pushed = sim.with_effects([effect]).simulate(u) - sim.simulate(u)
     np.testing.assert_allclose(pushed[:, 0], 0.1 * (1 - 0.8 ** np.arange(300)) / 0.2, atol=1e-6)
 

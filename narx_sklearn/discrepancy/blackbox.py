@@ -15,7 +15,7 @@ class CallableSimulator(TwinSimulator):
     """Wrap any program that turns inputs and parameters into outputs.
 
     Effects at inputs and outputs act on what goes into the program and comes out of it. States are not seen,
-    so for effects at state equations, and for runs from other initial states than the program's own, a NARX
+    so for effects at state equations, and for runs from other initial states than the program's own, a
     twin is identified from its answer to the record's inputs (`identified`); what the twin gets wrong of that
     answer is added back.
 
@@ -31,11 +31,12 @@ class CallableSimulator(TwinSimulator):
     inputs, outputs : sequence of str
         Names with units in brackets.
     regressor : NARXRegressor, default=None
-        How to identify the twin; None tries linear and polynomial models of growing richness.
+        How to identify the twin; None tries a linear differential equation of first or second order, then
+        NARX models of growing richness.
 
     Attributes
     ----------
-    twin_ : NARXSimulator or None
+    twin_ : Simulator or None
         The twin, once `identified`.
     twin_error_ : float
         Its held-out free-run RMSE over the standard deviation of the simulated output; NaN before.
@@ -86,7 +87,7 @@ class CallableSimulator(TwinSimulator):
         self.regressor = regressor
 
     def identified(self, u, *, sessions=None) -> "CallableSimulator":
-        """Return the simulator with a NARX twin, identified from its answer to these inputs.
+        """Return the simulator with a twin, identified from its answer to these inputs.
 
         Parameters
         ----------

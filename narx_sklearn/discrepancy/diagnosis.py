@@ -32,6 +32,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
+from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -65,6 +66,7 @@ class Diagnosis:
     steps: tuple[Step, ...]
     unnamed: Candidate | None  # the best curve without a name, when it was tried
     time_constant: float
+    twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
 
     @property
     def base_run(self) -> Run:
@@ -148,8 +150,9 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             alone = _judged(problem, refitted, single, pool, steps, structure, settings)
             found = alone if alone.verdict != "unknown" else found
         verdict, best, alternatives, unnamed = found
+    twin_misses_more = _twin_misses_more(problem, refitted, best)
     return Diagnosis(
-        verdict,
+        "unknown" if twin_misses_more else verdict,
         problem,
         structure,
         nominal,
@@ -161,7 +164,17 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         tuple(steps),
         unnamed,
         pace.time_constant,
+        twin_misses_more,
     )
+
+
+def _twin_misses_more(problem: Problem, refitted: Fit, best: Candidate) -> bool:
+    """Tell whether a twin gets more of its simulator wrong than the effects that act in it explain."""
+    if not isinstance(problem.simulator, TwinSimulator):
+        return False
+    missed = problem.whiten(problem.simulator.missed(problem.u, problem.windows))
+    explained = refitted.cost - best.fit.cost
+    return any(e.port.kind == "state" for e in best.effects) and explained < float(np.sum(missed**2))
 
 
 class _Judgement(NamedTuple):

@@ -2,17 +2,41 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.results import VERDICTS, p_text
+from narx_sklearn.discrepancy.results import LEAST, VERDICTS, p_text
 
 
 def report_text(dx) -> str:
     """Return the report of a fitted DiscrepancyRegressor as plain text."""
     lines = [f"Verdict: {dx.verdict_}. {VERDICTS[dx.verdict_]}", ""]
+    lines += _twin(dx)
     lines += _what(dx)
     lines += _parameters(dx)
     lines += _scores(dx)
     lines += _noise(dx)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _twin(dx) -> list[str]:
+    error = getattr(dx.simulator_, "twin_error_", np.nan)
+    if not np.isfinite(error):
+        return []
+    lines = [
+        f"The simulation shows its output alone. A twin stands in for it, with the states "
+        f"{_listed(dx.simulator_.states)}; it misses {_percent(error)} of the spread of held-out simulated "
+        "output.",
+    ]
+    if dx._diagnosis.twin_misses_more:
+        lines.append("What was found in its equations explains less than that, so it is not believed.")
+    return [*lines, ""]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share >= LEAST else "nothing"
+
+
+def _listed(signals) -> str:
+    names = [str(signal) for signal in signals]
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _what(dx) -> list[str]:

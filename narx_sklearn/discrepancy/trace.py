@@ -10,9 +10,10 @@ from narx_sklearn.discrepancy.twin import TwinSimulator, identify_twin
 class TraceSimulator(TwinSimulator):
     """Stand in for a simulator of which only a simulated output is known.
 
-    A NARX model, the twin, is identified from the input and the simulated output, and takes effects, initial
-    states and parameter changes; on the record itself its error is added back, so that a run there is the
-    trace. How well it stands in is ``twin_error_``.
+    A model, the twin, is identified from the input and the simulated output: an equation of motion where one
+    runs like the trace, else a NARX model. It takes effects, initial states and parameter changes; on the
+    record itself its error is added back, so that a run there is the trace. How well it stands in is
+    ``twin_error_``.
 
     Parameters
     ----------
@@ -26,11 +27,12 @@ class TraceSimulator(TwinSimulator):
     sessions : array-like of shape (n_samples,), default=None
         One label a sample; where it changes another recording begins.
     regressor : NARXRegressor, default=None
-        How to identify the twin; None tries linear and polynomial models of growing richness.
+        How to identify the twin; None tries a linear differential equation of first or second order, then
+        NARX models of growing richness.
 
     Attributes
     ----------
-    twin_ : NARXSimulator
+    twin_ : Simulator
         The identified model.
     twin_error_ : float
         Its free-run RMSE on held-out simulated output, over the output's standard deviation; of the worst

@@ -1,4 +1,4 @@
-"""NARX twins: a model identified from another simulator's input and output, so that it can be stepped."""
+"""Twins: a model identified from another simulator's input and output, so that it can be stepped."""
 
 import warnings
 from itertools import pairwise
@@ -8,8 +8,12 @@ import numpy as np
 
 from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.equations import with_parameters_fixed
+from narx_sklearn.discrepancy.motion import identify_motion
 from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, _transformed
+from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.metrics import nrmse
@@ -33,12 +37,12 @@ CANDIDATES = (
 class Twin(NamedTuple):
     """A twin and how good it is."""
 
-    simulator: NARXSimulator
+    simulator: Simulator
     error: float  # held-out free-run RMSE over the output's standard deviation, of the worst output
 
 
 def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin:
-    """Identify a NARX model that simulates like another simulator.
+    """Identify a model that simulates like another simulator: an equation of motion, else a NARX model.
 
     Parameters
     ----------
@@ -51,7 +55,8 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
     sessions : array-like of shape (n_samples,), optional
         One label a sample.
     regressor : NARXRegressor, optional
-        How to identify it; by default models of growing richness are tried until one is good enough.
+        How to identify it; by default a linear differential equation of first or second order is tried, then
+        NARX models of growing richness, until one is good enough.
 
     Returns
     -------
@@ -78,6 +83,9 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
         )
     labels = _halves(session_slices(sessions, n_samples), n_samples)
     training = labels % 2 == 0
+    motion = None if regressor is not None else identify_motion(u, y_sim, labels, dt, GOOD_ENOUGH)
+    if motion is not None and motion[1] < GOOD_ENOUGH:
+        return Twin(*motion)
     regressors = [regressor] if regressor is not None else map(_regressor, *zip(*CANDIDATES, strict=True))
     best = refused = None
     for candidate in regressors:
@@ -99,15 +107,18 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
             f"y_sim belong to another record?{f' The last attempt said: {refused}' if refused else ''}"
         ) from refused
     model, error = best
-    if error > POOR:
+    twin = Twin(NARXSimulator(model, dt), float(error))
+    if motion is not None and motion[1] < error:
+        twin = Twin(*motion)
+    if twin.error > POOR:
         warnings.warn(
-            f"The NARX twin of the simulator misses held-out simulated output by {100 * error:.1f} % of its "
+            f"The twin of the simulator misses held-out simulated output by {100 * twin.error:.1f} % of its "
             "standard deviation, so what is found at state equations is no surer than that. Pass a "
             "regressor with more lags, a higher degree or phi regressors, or the simulator's equations.",
             NarxWarning,
             stacklevel=3,
         )
-    return Twin(NARXSimulator(model, dt), float(error))
+    return twin
 
 
 def _regressor(lags: int, degree: int, delay: int) -> NARXRegressor:
@@ -141,14 +152,13 @@ def _held_out_error(model, u, y_sim, labels, chosen) -> float:
 
 
 class TwinSimulator(Simulator):
-    """Base of simulators that cannot be stepped: a NARX twin carries states, their ports and windows.
+    """Base of simulators that cannot be stepped: a twin carries states, their ports and windows.
 
     What the twin gets wrong of the simulator's own output is added to every run, so that without effects,
     and from where the simulator starts, a run is the simulator's own.
     """
 
-    discrete = True
-    twin_: NARXSimulator | None = None
+    twin_: Any = None
     twin_error_: float = np.nan
 
     def _simulated(self, u: np.ndarray, driven: np.ndarray, p: np.ndarray, pieces) -> Any:
@@ -162,21 +172,23 @@ class TwinSimulator(Simulator):
     def _with_twin(self, twin: Twin) -> None:
         self.twin_, self.twin_error_ = twin
         self.states = self.twin_.states
+        self.discrete, self.substeps = self.twin_.discrete, self.twin_.substeps
+        self.linear_hold = self.twin_.linear_hold
         self._corrections: dict[tuple, np.ndarray] = {}
 
     @property
     def free_states(self):
-        """Which initial states are unknown: the twin's lagged outputs."""
+        """Which initial states are unknown: the twin's."""
         return self.twin_.free_states if self.twin_ else np.zeros(0, dtype=bool)
 
     def known_states(self, u, y, samples, began=None):
         """Return the twin's states at the given samples, from what was measured before them."""
         return self._stepped().known_states(u, y, samples, began)
 
-    def _stepped(self) -> NARXSimulator:
+    def _stepped(self):
         if self.twin_ is None:
             raise ValueError(
-                f"{type(self).__name__} has no NARX twin yet, without which it cannot be run from any state; "
+                f"{type(self).__name__} has no twin yet, without which it cannot be run from any state; "
                 "call identified(u) with the inputs of the record first."
             )
         return self.twin_
@@ -211,6 +223,11 @@ class TwinSimulator(Simulator):
             run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
         return run._replace(y=_transformed(run.y, "output", effects, strength, driven, self.dt, windows))
 
+    def missed(self, u, windows: Windows) -> np.ndarray:
+        """Return what the twin gets wrong of the simulator's own output, (n_samples, n_outputs)."""
+        pieces = finite_slices(_sessions(windows, u.shape[0]), finite_rows(u))
+        return self._correction(u, u, self.nominal, pieces) + np.zeros((u.shape[0], len(self.outputs)))
+
     def _correction(self, u, driven, p, pieces):
         """Return the simulator's own output minus the twin's, both from where the simulator starts."""
         driven = self._drives(driven, u)
@@ -228,8 +245,14 @@ class TwinSimulator(Simulator):
         return self._corrections[key]
 
     def _starts(self, driven, own, windows) -> np.ndarray:
-        """Return the twin's states where the simulator starts: its first outputs, inputs held before."""
-        return self._stepped().known_states(driven, np.nan_to_num(own), windows.first, windows.first)
+        """Return the twin's states where the simulator starts; those its signals do not show are fitted."""
+        twin = self._stepped()
+        known = twin.known_states(driven, np.nan_to_num(own), windows.first, windows.first)
+        if np.isfinite(known).all():
+            return known
+        spread = np.nanstd(own, axis=0)
+        problem = Problem(twin, driven, own, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
+        return fit_initial_states(problem, np.nan_to_num(known)).model.x0
 
     def __getstate__(self):
         return self.__dict__ | ({"_corrections": {}} if self.twin_ else {})
