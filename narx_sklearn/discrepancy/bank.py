@@ -1,6 +1,6 @@
 """Columns of the bank: what each effect would change in the output, everything else projected out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -46,6 +46,10 @@ class Bank:
         """Number of columns."""
         return self.owner.size
 
+    def without_columns(self) -> "Bank":
+        """Return the bank with what was made of its columns, but not the columns, which are large."""
+        return replace(self, columns=np.empty((*self.residual.shape, 0)))
+
     def placed(self, column: int) -> PlacedEffect:
         """Return the effect behind a column, at its start."""
         hypothesis = self.hypotheses[self.owner[column]]
@@ -58,32 +62,43 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
     owner = np.array([h for h, _ in pairs], dtype=int)
     start = np.array([s for _, s in pairs], dtype=int)
     base = problem.run(fit.model)
-
-    def column(h: int, s: int) -> np.ndarray:
-        return effect_column(problem, fit, base, hypotheses[h].placed.at(hypotheses[h].starts[s]))
-
-    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(column)(h, s) for h, s in pairs)
     n_w, n_t = fit.residual.shape
-    columns = np.stack(found, axis=2) if found else np.zeros((n_w, n_t, 0))
-    raw = np.einsum("wtk,wtk->k", columns, columns)
-    columns = out_of(fit.jacobian, fit.projector(columns))
-    residual = out_of(fit.jacobian, fit.residual[:, :, None])[:, :, 0]
-    flat = columns.reshape(n_w * n_t, columns.shape[2])
-    gram = flat.T @ flat
+    stored, raw = np.empty((len(pairs), n_w, n_t)), np.empty(len(pairs))
+    own = directions(fit.jacobian)
+
+    def store(i: int, h: int, s: int) -> None:
+        column = effect_column(problem, fit, base, hypotheses[h].placed.at(hypotheses[h].starts[s]))
+        raw[i] = np.einsum("wt,wt->", column, column)
+        stored[i] = _off(own, fit.projector(column))
+
+    Parallel(n_jobs=n_jobs, prefer="threads")(delayed(store)(i, h, s) for i, (h, s) in enumerate(pairs))
+    residual = _off(own, fit.residual)
+    flat = stored.reshape(len(pairs), n_w * n_t)
+    gram = flat @ flat.T
     useful = np.diag(gram) > INVISIBLE * np.maximum(raw, 1e-300)
-    return Bank(hypotheses, owner, start, columns, residual, gram, flat.T @ residual.ravel(), useful)
+    columns = np.moveaxis(stored, 0, 2)
+    return Bank(hypotheses, owner, start, columns, residual, gram, flat @ residual.ravel(), useful)
+
+
+def directions(jacobian: np.ndarray) -> np.ndarray:
+    """Return orthonormal columns, (W T, n), that span the global parameters' sensitivities, (W, T, n_q)."""
+    J = jacobian.reshape(-1, jacobian.shape[2])
+    if J.shape[1] == 0:
+        return J
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0] = 1.0
+    left, values, _ = np.linalg.svd(J / size, full_matrices=False)
+    return left[:, values > 1e-9 * values[0]]
 
 
 def out_of(jacobian: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Project the global parameters' sensitivities, (W, T, n_q), out of columns (W, T, n)."""
-    J = jacobian.reshape(-1, jacobian.shape[2])
-    if J.shape[1] == 0 or columns.shape[2] == 0:
-        return columns
-    size = np.linalg.norm(J, axis=0)
-    size[size == 0] = 1.0
-    left, values, _ = np.linalg.svd(J / size, full_matrices=False)
-    basis = left[:, values > 1e-9 * values[0]]
-    flat = columns.reshape(-1, columns.shape[2])
+    return _off(directions(jacobian), columns) if columns.shape[2] else columns
+
+
+def _off(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Project orthonormal columns, (W T, n), out of one column (W, T) or several (W, T, n)."""
+    flat = columns.reshape(basis.shape[0], -1)
     return (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
 
 

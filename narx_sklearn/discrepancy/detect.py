@@ -106,7 +106,11 @@ def _products(
     bank: Bank, use: np.ndarray, noise: np.ndarray, n_outputs: int, n_samples: int, length: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return columns times noise by blocks, (n_blocks, n), and the standard deviation of their sums, (n,)."""
-    products = blocks_of(bank.columns[:, :, use] * noise[:, :, None], n_outputs, length)
+    # a column at a time: together their products would be as large as the bank
+    by_column = [
+        blocks_of((bank.columns[:, :, j] * noise)[:, :, None], n_outputs, length) for j in np.flatnonzero(use)
+    ]
+    products = np.hstack(by_column)
     products = products[np.any(products != 0, axis=1)]
     spread = np.sqrt(np.einsum("bj,bj->j", products, products))
     # never less than what white noise of this size gives: a column alive in few samples has few products

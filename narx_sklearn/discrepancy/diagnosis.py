@@ -229,14 +229,13 @@ def _coloured_search(
     """Return the problem under noise of its own colour, its fit, and the steps of the search."""
     settings.tell("colour of the noise")
     bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
+    residual = flexible_residual(bank, problem.n_seen)[0].reshape(problem.seen.shape) * problem.noise.sigma
+    bank = bank.without_columns()
     known = _leading(problem, refitted, bank, settings)
     dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
     if dominated:
         # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
         residual = problem.left_over(known[0].fit.model)
-    else:
-        residual, _ = flexible_residual(bank, problem.n_seen)
-        residual = residual.reshape(problem.seen.shape) * problem.noise.sigma
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model)
     settings.tell("search for missing physics")

@@ -241,6 +241,7 @@ def search(
             ]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
+            bank = bank.without_columns()
             if dominated and not candidate.effects:
                 detection = _left_to_the_fits(detection)
             silent = detection.p_value > alpha or len(candidate.effects) >= max_effects
