@@ -205,14 +205,18 @@ def _follow(x, u, p):
 def bh_loops(material: str = "mnzn_ferrite") -> Case:
     """Constant permeability that follows within a point or two; left out: the hysteresis of the material.
 
-    The points have no time; they are taken as a second apart.
+    The points have no time; they are taken as a second apart. The loops are closed, so each is gone round
+    once before it counts: what the material remembers was there when its first point was measured.
     """
     data = fetch_bh_loops(material)
 
     def part(frame) -> Part:
-        labels = frame["loop [-]"].to_numpy()
-        u, y = frame[data.input].to_numpy(dtype=float), frame[[data.output]].to_numpy(dtype=float)
-        return Part(u, y, 4, labels)
+        loops = [loop for _, loop in frame.groupby("loop [-]", sort=False)]
+        u = [np.tile(loop[data.input].to_numpy(dtype=float), (2, 1)) for loop in loops]
+        y = [loop[[data.output]].to_numpy(dtype=float) for loop in loops]
+        twice = [np.concatenate([np.full_like(once, np.nan), once]) for once in y]
+        labels = np.repeat(np.arange(len(loops)), [len(loop) for loop in twice])
+        return Part(np.concatenate(u), np.concatenate(twice), len(y[0]) + 4, labels)
 
     simulator = ODESimulator(
         _follow,
