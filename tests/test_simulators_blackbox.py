@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from narx_sklearn import NARXRegressor
+from narx_sklearn import DiscrepancyRegressor, NARXRegressor
 from narx_sklearn.discrepancy import CallableSimulator, TraceSimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulator import Windows
@@ -192,3 +192,22 @@ def test_wrong_programs_are_named():
 def test_representation_names_the_program_and_its_parameters():
     assert "CallableSimulator of lag, dt=0.1 s" in repr(PROGRAM)
     assert "gain=2 m/V" in repr(PROGRAM)
+
+
+@pytest.mark.filterwarnings("ignore:The twin of the simulator misses")
+@pytest.mark.parametrize(
+    ("lags", "code", "cubic", "push", "verdict"),
+    [(2, "cubic_stiffness", 0.05, 0.0, "explained"), (1, "constant_load", 0.0, 0.03, "unknown")],
+)
+def test_an_effect_smaller_than_what_the_twin_misses_is_not_believed(lags, code, cubic, push, verdict):
+    """A resonance, of which a twin of one lag misses the most."""
+    u = excitation(1500)
+    y_sim, y = np.zeros(u.size), np.zeros(u.size)
+    for k in range(2, u.size):
+        y_sim[k] = 1.6 * y_sim[k - 1] - 0.9 * y_sim[k - 2] + 0.3 * u[k - 1]
+        y[k] = 1.6 * y[k - 1] - 0.9 * y[k - 2] + 0.3 * u[k - 1] - cubic * y[k - 1] ** 3 + push
+    y += 1e-3 * np.random.default_rng(1).normal(size=u.size)
+    trace = TraceSimulator(y_sim, u, dt=0.1, regressor=NARXRegressor(lags, lags, degree=1))
+    dx = DiscrepancyRegressor(trace, effects=[code]).fit(u, y)
+    assert dx.verdict_ == verdict
+    assert ("explains less than that" in dx.report_) == (verdict == "unknown")
