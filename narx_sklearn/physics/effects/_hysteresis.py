@@ -13,7 +13,7 @@ from narx_sklearn.physics.effects._starts import grid, quantiles, scaled, spread
 N_PLAYS = 10  # radii of the Prandtl-Ishlinskii model, evenly up to the largest
 N_LAGS = 3  # slow poles half a decade apart: together close to log(t) over a decade and a half
 FINEST_STEP = 0.1  # of the yield displacement, in which a Bouc-Wen element follows a sample's move
-FORGOTTEN = 20.0  # yield displacements of one move after which nothing of what was before is left
+FORGOTTEN = 20.0  # bounds of z in one move, after which nothing is left of what was before
 SOFT, HARD = 1 / 3, -1.5  # r of a loop that yields, and of one that hardens
 REACH = 10.0  # zy: larger than any loop, and so near that no power of it overflows
 
@@ -49,10 +49,15 @@ def _bouc_wen_run(values, zy, r, n):
     z = 0.0
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
-        move = min(max(move, -FORGOTTEN * bound), FORGOTTEN * bound)
-        n_steps = int(np.ceil(abs(move) / (FINEST_STEP * zy)))
         direction = 1.0 if move > 0.0 else -1.0
+        n_steps = 0
+        if abs(move) < FORGOTTEN * bound:
+            n_steps = int(np.ceil(abs(move) / (FINEST_STEP * zy)))
+        else:
+            z = direction * bound
         for _ in range(n_steps):
+            if direction * z >= bound:
+                break
             part = move / n_steps
             middle = z + 0.5 * part * _bouc_wen_slope(z, direction, zy, r, n)
             z += part * _bouc_wen_slope(middle, direction, zy, r, n)
