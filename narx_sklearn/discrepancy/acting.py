@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
 from narx_sklearn.discrepancy.linearise import evaluate
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
 
@@ -87,3 +87,12 @@ def _signals(placed: PlacedEffect, simulator: Simulator) -> Sequence:
     return {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[
         placed.port.kind
     ]
+
+
+def port_in_words(port: Port, simulator: Simulator) -> str:
+    """Return where a port is: "in the equation of velocity", "on the input drive"."""
+    kind, index = port
+    if kind == "state":
+        return f"in the equation of {simulator.states[index].name}"
+    signal = (simulator.inputs if kind == "input" else simulator.outputs)[index]
+    return f"on the {kind} {signal.name}"

@@ -34,7 +34,7 @@ def blocks_of(values: np.ndarray, n_outputs: int, length: int) -> np.ndarray:
     n_w, n_t, n = values.shape
     by_time = values.reshape(n_w, n_t // n_outputs, n_outputs, n).sum(axis=2)
     edges = np.arange(0, by_time.shape[1], length)
-    return np.add.reduceat(by_time, edges, axis=1).reshape(-1, n)
+    return np.add.reduceat(by_time, edges, axis=1).reshape(n_w * edges.size, n)
 
 
 def block_length(n_windows: int, n_times: int) -> int:
@@ -89,17 +89,21 @@ def detect(
         return Detection(t, min(p_line, p_scan), np.ones(bank.n_columns), 1.0, p_line, frequency, p_scan)
     products, spread = _products(bank, use, noise, n_outputs, n_samples, length)
     t[use] = np.abs(bank.plain[use]) / spread
-    rng = np.random.default_rng(random_state)
-    unit = products / spread
-    largest = np.empty(draws)
-    for begin in range(0, draws, 500):
-        signs = rng.choice([-1.0, 1.0], size=(min(500, draws - begin), len(unit)))
-        largest[begin : begin + len(signs)] = np.abs(signs @ unit).max(axis=1)
+    largest = flipped_maxima(products / spread, draws, np.random.default_rng(random_state))
     largest.sort()
     above = draws - np.searchsorted(largest, t * (1 - 1e-9), side="left")
     p = np.where(use, (1.0 + above) / (1.0 + draws), 1.0)
     p_bank = float(p.min())
     return Detection(t, min(p_bank, p_line, p_scan), p, p_bank, p_line, frequency, p_scan)
+
+
+def flipped_maxima(unit: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the largest sum over blocks, (n_blocks, n), for every draw of the blocks' signs."""
+    largest = np.empty(draws)
+    for begin in range(0, draws, 500):
+        signs = rng.choice([-1.0, 1.0], size=(min(500, draws - begin), len(unit)))
+        largest[begin : begin + len(signs)] = np.abs(signs @ unit).max(axis=1)
+    return largest
 
 
 def _products(
