@@ -1,0 +1,266 @@
+"""Is what is left over noise? What follows the motion, or comes in bursts, is none, whatever its colour."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import rankdata
+
+from narx_sklearn.discrepancy.acting import port_in_words
+from narx_sklearn.discrepancy.bank import INVISIBLE, orthonormal, out_of
+from narx_sklearn.discrepancy.detect import (
+    DRAWS,
+    SLOW,
+    block_length,
+    blocks_of,
+    flipped_maxima,
+    strongest_line,
+)
+from narx_sklearn.discrepancy.followed import BEFORE, SHAPES, followed, response
+from narx_sklearn.discrepancy.locate import ports_of, tangent
+from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.steps import measured_steps
+from narx_sklearn.discrepancy.structure import Structure
+
+ROUNDS = 2  # of noise and parameters in turn
+CHUNK = 64  # forces answered to at once, so that memory does not grow with their number
+COARSE = 3  # half turns of the curves that the residual's size may follow
+PINNED = 0.5  # leverage above which a sample was fitted rather than predicted
+BURSTS = (4, 16, 64, 256)  # lengths of bursts, samples
+FEWEST_BURSTS = 8  # of one length that the record must have room for
+LOUD = 4.0  # standard deviations above the mean: stretches that are told
+MOST_TOLD = 5
+HILL = 2  # ordinates of a spectrum to either side that are of one level
+NEAR = range(2, 7)  # ordinates from a line: near enough for one level, far enough from its foot
+TO_TRY = {
+    "follows": "an effect of your own that depends on it, or one more measured signal as an input",
+    "size": "the same input at half and at twice the amplitude: what belongs to the machine changes with it",
+    "bursts": "a look at those times, and a record of what else went on then (contacts, supply, blows)",
+    "line": "a record with the input at rest: a line that stays comes from outside",
+}
+
+
+class Sign(NamedTuple):
+    """One thing that noise does not do."""
+
+    kind: str  # "follows", "size", "bursts" or "line"
+    words: str  # a sentence
+    p_value: float
+
+    @property
+    def to_try(self) -> str:
+        """What would tell more."""
+        return TO_TRY[self.kind]
+
+
+class Remainder(NamedTuple):
+    """What speaks against noise in what a model leaves over."""
+
+    signs: tuple[Sign, ...]  # one a test
+
+    @property
+    def p_value(self) -> float:
+        """Chance of the strongest sign where there is only noise; every test pays (Bonferroni)."""
+        return min([1.0, *(len(self.signs) * sign.p_value for sign in self.signs)])
+
+    def speaking(self, level: float) -> tuple[Sign, ...]:
+        """Return the signs that stand on their own at a level over all tests."""
+        return tuple(sign for sign in self.signs if len(self.signs) * sign.p_value <= level)
+
+
+def look_at_remainder(problem: Problem, model: Model, structure: Structure, random_state=None) -> Remainder:
+    """Test whether what a model leaves over can be noise of any stationary colour.
+
+    Noise of whatever colour, made white, (A) follows no function of the motion acting at any port, (B) is as
+    large wherever the machine is, (C) comes in no bursts, and (D) holds no line. The colour is first fitted
+    to the residual itself, so that all that a colour can explain, it explains.
+    """
+    for _ in range(ROUNDS):
+        problem = problem.with_noise(estimate_noise(problem.left_over(model), problem.seen))
+        found = fit(problem, model)
+        model = found.model
+    if not (np.isfinite(found.cost) and found.cost > 0):
+        return Remainder(())
+    rng = np.random.default_rng(random_state)
+    slow = found.projector(np.stack([problem.whiten(drift) for drift in _drifts(problem)], axis=2))
+    found = found._replace(jacobian=np.concatenate([found.jacobian, slow], axis=2))
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    scores = _scores(problem, found, e)
+    return Remainder(
+        (
+            _follows(problem, found, e, structure, rng),
+            _size_follows(problem, found, scores, structure, rng),
+            _in_bursts(problem, scores, rng),
+            _line(problem, e),
+        )
+    )
+
+
+def _drifts(problem: Problem) -> list[np.ndarray]:
+    """Return slow cosines on every output: what drifts with them is left to the noise."""
+    n_samples, n_outputs = problem.y.shape
+    turns = np.pi * np.arange(n_samples) / n_samples
+    return [np.outer(np.cos(m * turns), unit) for unit in np.eye(n_outputs) for m in range(2 * SLOW + 1)]
+
+
+def _follows(problem: Problem, found: Fit, e: np.ndarray, structure: Structure, rng) -> Sign:
+    """Test the residual against the answers to whatever follows the motion, at every port."""
+    model, simulator = found.model, problem.simulator.with_effects(found.model.effects)
+    run = problem.run(model)
+    linear = tangent(simulator, run, problem.u, problem.windows, model.p)
+    n_outputs = problem.y.shape[1]
+    length = block_length(e.shape[0], e.shape[1] // n_outputs)
+    words, products, spreads = [], [], []
+    for port in ports_of(simulator):
+        if port.kind == "state" and structure.kinematic[port.index]:
+            continue
+        at_output = port.kind == "output"
+        where = port_in_words(port, simulator)
+        candidates = followed(problem, run, structure, SHAPES, past=int(at_output))
+        for begin in range(0, len(candidates), CHUNK):
+            chunk = candidates[begin : begin + CHUNK]
+            answers = response(problem, linear, port, np.column_stack([c.values for c in chunk]))
+            raw = np.stack([problem.whiten(answers[:, :, j]) for j in range(len(chunk))], axis=2)
+            columns = out_of(found.jacobian, found.projector(raw))
+            size = np.einsum("wtj,wtj->j", columns, columns)
+            keep = size > INVISIBLE * np.maximum(np.einsum("wtj,wtj->j", raw, raw), 1e-300)
+            products.append(blocks_of(columns[:, :, keep] * e[:, :, None], n_outputs, length))
+            spreads.append(spectral_spread(columns[:, :, keep], e, n_outputs))
+            words += [f"{c.words}, acting {where}" for c, kept in zip(chunk, keep, strict=True) if kept]
+    p, j = _largest(products, spreads, rng)
+    return Sign("follows", f"It depends on {words[j]}." if words else "", p)
+
+
+def _size_follows(problem: Problem, found: Fit, scores: np.ndarray, structure: Structure, rng) -> Sign:
+    """Test the size of the innovations against the motion."""
+    n_outputs = problem.y.shape[1]
+    length = block_length(scores.shape[0], scores.shape[1] // n_outputs)
+    candidates = followed(problem, problem.run(found.model), structure, COARSE, BEFORE, past=1)
+    products, spreads, words = [], [], []
+    for i, output in enumerate(problem.simulator.outputs):
+        z = np.zeros_like(scores)
+        z[:, i::n_outputs] = scores[:, i::n_outputs]
+        for candidate in candidates:
+            column = np.repeat(candidate.values[problem.rows], n_outputs, axis=1)
+            column = np.where(z != 0, column - column[z != 0].mean(), 0.0) if z.any() else np.zeros_like(z)
+            products.append(blocks_of((column * z)[:, :, None], n_outputs, length))
+            spreads.append(spectral_spread(column[:, :, None], z, n_outputs))
+            words.append(f"on {output} depends on {candidate.words}")
+    p, j = _largest(products, spreads, rng)
+    return Sign("size", f"Its size {words[j]}." if words else "", p)
+
+
+def _largest(products: list[np.ndarray], spreads: list[np.ndarray], rng) -> tuple[float, int]:
+    """Return the p-value of the largest of many sums, and its place, by flips of the signs of blocks.
+
+    A sum is measured by the larger of two spreads: that of its blocks, which holds under unequal noise, and
+    ``spreads``, which hold under whatever colour the whitening left.
+    """
+    if not products or not sum(p.shape[1] for p in products):
+        return 1.0, 0
+    by_block, spread = np.hstack(products), np.concatenate(spreads)
+    by_block = by_block[np.any(by_block != 0, axis=1)]
+    own = np.sqrt(np.einsum("bj,bj->j", by_block, by_block))
+    own[own == 0] = np.inf
+    t = np.abs(by_block.sum(axis=0)) / np.maximum(own, spread)
+    above = np.count_nonzero(flipped_maxima(by_block / own, DRAWS, rng) >= t.max() * (1 - 1e-9))
+    return (1.0 + above) / (1.0 + DRAWS), int(np.argmax(t))
+
+
+def spectral_spread(columns: np.ndarray, e: np.ndarray, n_outputs: int) -> np.ndarray:
+    r"""Return the standard deviation of the sums of columns (W, T, n) times noise e (W, T) of any colour.
+
+    .. math:: \operatorname{Var} \sum_k c_k e_k = \frac{1}{N} \sum_f |C_f|^2 S_f
+
+    with the spectrum S of e from its periodogram, averaged over neighbouring ordinates (Hannan 1963).
+    """
+    variance = np.zeros(columns.shape[2])
+    for i in range(n_outputs):
+        r = e[:, i::n_outputs].ravel()
+        c = columns[:, i::n_outputs].reshape(r.size, columns.shape[2])
+        spectrum = np.abs(np.fft.fft(r)) ** 2 / r.size
+        spectrum = uniform_filter1d(spectrum, 2 * HILL + 1, mode="wrap")
+        variance += spectrum @ np.abs(np.fft.fft(c, axis=0)) ** 2 / r.size
+    return np.sqrt(variance)
+
+
+def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
+    """Return how large each innovation is among those of its output, (W, T): Savage scores of unit variance.
+
+    Ranks make heavy tails and clipping harmless. Where the fit has pinned the residual down it is brought
+    back to size, or left out (zero). So is an output of which a converter's steps hide the noise: what it
+    rounds off is larger or smaller with every level.
+    """
+    own, basis = found.projector.basis, orthonormal(found.jacobian)
+    leverage = np.einsum("wtk,wtk->wt", own, own)
+    leverage += np.einsum("nk,nk->n", basis, basis).reshape(e.shape)
+    counts = problem.weighted.reshape(e.shape) & (leverage < PINNED)
+    size = np.abs(e) / np.sqrt(np.where(counts, 1 - leverage, 1.0))
+    scores = np.zeros_like(e)
+    n_outputs = problem.y.shape[1]
+    for i in np.flatnonzero(~(measured_steps(problem.y) > problem.noise.sigma)):
+        counted = np.zeros_like(counts)
+        counted[:, i::n_outputs] = counts[:, i::n_outputs]
+        if counted.any():
+            s = -np.log1p(-rankdata(size[counted]) / (counted.sum() + 1))
+            scores[counted] = (s - s.mean()) / s.std() if np.ptp(s) > 0 else 0.0
+    return scores
+
+
+def _in_bursts(problem: Problem, scores: np.ndarray, rng) -> Sign:
+    """Test whether large innovations come together, against the same ones in any order."""
+    n_outputs = problem.y.shape[1]
+    largest, t, told = np.full(DRAWS, -np.inf), -np.inf, ""
+    for i, output in enumerate(problem.simulator.outputs):
+        own = scores[:, i::n_outputs].ravel()
+        place = np.flatnonzero(own)
+        lengths = [length for length in BURSTS if FEWEST_BURSTS * length <= place.size]
+        if not lengths:
+            continue
+        drawn = np.array([_clustering(rng.permutation(own[place]), lengths) for _ in range(DRAWS)])
+        centre, spread = drawn.mean(axis=0), drawn.std(axis=0)
+        largest = np.maximum(largest, ((drawn - centre) / spread).max(axis=1))
+        found = ((_clustering(own[place], lengths) - centre) / spread).max()
+        if found > t:
+            t, told = found, f"It comes in bursts on {output}{_when(problem, own[place], place)}."
+    return Sign("bursts", told, (1.0 + np.count_nonzero(largest >= t)) / (1.0 + DRAWS))
+
+
+def _clustering(z: np.ndarray, lengths: list[int]) -> np.ndarray:
+    """Return the mean square of the sums over blocks, of each length."""
+    found = []
+    for length in lengths:
+        whole = z.size // length * length
+        found.append(np.mean(z[:whole].reshape(-1, length).sum(axis=1) ** 2))
+    return np.array(found)
+
+
+def _when(problem: Problem, z: np.ndarray, place: np.ndarray) -> str:
+    """Return the times of the loudest bursts in words."""
+    length = BURSTS[1]
+    means = np.convolve(z, np.ones(length) / np.sqrt(length), mode="same")
+    times: list[float] = []
+    while len(times) < MOST_TOLD and means.max() > LOUD:
+        k = int(np.argmax(means))
+        times.append(problem.rows.ravel()[place[k]] * problem.simulator.dt)
+        means[max(k - length, 0) : k + length] = 0.0
+    return " round " + ", ".join(f"{t:.4g} s" for t in sorted(times)) if times else ""
+
+
+def _line(problem: Problem, e: np.ndarray) -> Sign:
+    """Test for a line that stands alone; a resonance that something keeps moving is no line, but a hill."""
+    driving = np.where(problem.inside[:, :, None], problem.u[problem.rows], 0.0)
+    n_outputs = problem.y.shape[1]
+    frequency, p = strongest_line(e, n_outputs, driving)
+    signal = e[:, ::n_outputs].ravel()
+    power = np.abs(np.fft.rfft(signal)) ** 2
+    at = round(frequency * signal.size)
+    beside = [at + sign * d for d in NEAR for sign in (-1, 1) if 0 < at + sign * d < power.size]
+    ratio = power[at] / max(np.mean(power[beside]), 1e-300)
+    # of 2 and 2 m degrees of freedom, F exceeds x with chance (1 + x / m)^-m; every ordinate was tried
+    alone = power.size * (1.0 + ratio / len(beside)) ** -len(beside)
+    hertz = frequency / problem.simulator.dt
+    words = f"It holds a line at {hertz:.4g} Hz that the input has not."
+    return Sign("line", words, float(min(1.0, max(p, alone))))
