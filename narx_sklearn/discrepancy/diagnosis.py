@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import DRIFT
+from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
@@ -47,6 +48,7 @@ FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which
 FORM = 0.05  # share of what an effect explains that its idealised form may leave
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
+SHARE = 0.5  # of alpha, for what has no name
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -67,6 +69,7 @@ class Diagnosis:
     unnamed: Candidate | None  # the best curve without a name, when it was tried
     time_constant: float
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
+    against_noise: tuple[Sign, ...] = ()  # what noise would not do, where nothing named is missing
 
     @property
     def base_run(self) -> Run:
@@ -151,6 +154,17 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             found = alone if alone.verdict != "unknown" else found
         verdict, best, alternatives, unnamed = found
     twin_misses_more = _twin_misses_more(problem, refitted, best)
+    against_noise: tuple[Sign, ...] = ()
+    if not best.effects and steps:
+        settings.tell("is what is left over noise?")
+        remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
+        if remainder.p_value <= SHARE * settings.alpha:
+            verdict, p_missing = "unknown", remainder.p_value
+            against_noise = remainder.speaking(SHARE * settings.alpha)
+            if any(sign.kind == "follows" for sign in against_noise):
+                unnamed = _unnamed(problem, refitted, best, structure, settings)
+            if unnamed is not None and _surely_better(problem, best, unnamed):
+                best, alternatives = unnamed, ((),)
     return Diagnosis(
         "unknown" if twin_misses_more else verdict,
         problem,
@@ -165,6 +179,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         unnamed,
         pace.time_constant,
         twin_misses_more,
+        against_noise,
     )
 
 
@@ -374,6 +389,13 @@ def _unnamed(
     base = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, base, curves, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None
+
+
+def _surely_better(problem: Problem, base: Candidate, curve: Candidate) -> bool:
+    """Tell whether a curve takes off more than noise of any colour would let the best curve take off."""
+    gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
+    shapes = problem.n_seen ** (0.5 * (curve.effects[0].n_theta - 1))
+    return chance_of_noise(gained, 1, shapes) <= SUSPECT
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):

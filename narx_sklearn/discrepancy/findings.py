@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import correction_unit
+from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import Candidate, odd
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.placed import PlacedEffect, in_short
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
@@ -18,11 +18,14 @@ OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
-def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> list[Finding]:
-    """Return the findings of a diagnosis, those first that explain most."""
+def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, likeliest: Port) -> list[Finding]:
+    """Return the findings of a diagnosis, those first that explain most.
+
+    What is no noise but has no name or curve is said to enter at the ``likeliest`` port.
+    """
     best, base = told(diagnosis), diagnosis.refitted
     if not best.effects:
-        return []
+        return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
     sure = intervals(diagnosis.problem, best.fit, level)
     at = best.fit.model.p.size
     share = 1 - best.fit.cost / base.cost
@@ -59,6 +62,29 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator) -> l
             )
         )
     return found
+
+
+def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:
+    """Return the finding of what has neither name nor curve, but is no noise."""
+    against = diagnosis.against_noise
+    return Finding(
+        effect="unknown",
+        title="something without a name",
+        sentence=" ".join(["What is left over is no noise.", *(sign.words for sign in against)]),
+        equation="",
+        port=str(port),
+        place=port_in_words(port, simulator),
+        argument="",
+        parameters={},
+        intervals={},
+        units={},
+        lookalikes=(),
+        p_value=diagnosis.p_missing,
+        confidence=1.0 - diagnosis.p_missing,
+        improvement=0.0,
+        separate_by="; ".join(sign.to_try for sign in against),
+        evidence={sign.kind: sign.p_value for sign in against},
+    )
 
 
 def told(diagnosis: Diagnosis) -> Candidate:
@@ -110,14 +136,10 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
 
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
-    kind, index = placed.port
-    if kind == "state":
-        words = f"in the equation of {simulator.states[index].name}"
-        if placed.onward >= 0:
-            words += f", going on to {simulator.states[placed.onward].name}"
-        return words
-    signal = (simulator.inputs if kind == "input" else simulator.outputs)[index]
-    return f"on the {kind} {signal.name}"
+    words = port_in_words(placed.port, simulator)
+    if placed.onward >= 0:
+        words += f", going on to {simulator.states[placed.onward].name}"
+    return words
 
 
 def argument_told(placed: PlacedEffect) -> str:

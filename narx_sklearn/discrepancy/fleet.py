@@ -291,7 +291,7 @@ def _diagnose(estimator: DiscrepancyRegressor, name: Any, X, y) -> _One:
         dx = clone(estimator).fit(X, y)
     except ValueError as error:
         raise ValueError(f"Recording {name!r}: {error}") from error
-    final = "augmented" if dx.findings_ else "refitted"
+    final = "augmented" if any(finding.modelled for finding in dx.findings_) else "refitted"
     own = pd.DataFrame(
         {
             "unit": dx.parameters_["unit"],

@@ -25,7 +25,7 @@ from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
-from narx_sklearn.discrepancy.placed import in_short
+from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
@@ -54,7 +54,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     The simulator's own parameters and the initial states are always fitted first, so that a wrong number is
     never sold as missing physics. A test that holds whatever the colour of the noise then says whether
     anything is missing; effects of the catalogue at every port are ordered, refitted and compared; what
-    cannot be told apart is reported as such, with the experiment that would tell.
+    cannot be told apart is reported as such, with the experiment that would tell. Where none is found, what
+    is left over must depend on nothing, come in no bursts and hold no line, as noise does.
 
     Parameters
     ----------
@@ -505,7 +506,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._guess = fit.model.x0[self._nearest]
         self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
-        self.findings_ = make_findings(diagnosis, self.level, self.simulator)
+        self._tell("location")
+        self.location_ = locate(diagnosis, self.random_state)
+        first = self.location_.ports.iloc[0]
+        likeliest = Port(first["kind"], int(first["index"]))
+        self.findings_ = make_findings(diagnosis, self.level, self.simulator, likeliest)
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
             for signal, sigma, a, b in zip(
@@ -517,8 +522,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             )
         }
         self.confidence_ = self.findings_[0].confidence if self.findings_ else 1.0 - diagnosis.p_missing
-        self._tell("location")
-        self.location_ = locate(diagnosis, self.random_state)
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         if self.findings_ and self._harms(held_out):

@@ -7,7 +7,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import rankdata
 
 from narx_sklearn.discrepancy.acting import port_in_words
-from narx_sklearn.discrepancy.bank import INVISIBLE, orthonormal, out_of
+from narx_sklearn.discrepancy.bank import INVISIBLE, directions, out_of
 from narx_sklearn.discrepancy.detect import (
     DRAWS,
     SLOW,
@@ -193,7 +193,7 @@ def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
     back to size, or left out (zero). So is an output of which a converter's steps hide the noise: what it
     rounds off is larger or smaller with every level.
     """
-    own, basis = found.projector.basis, orthonormal(found.jacobian)
+    own, basis = found.projector.basis, directions(found.jacobian)
     leverage = np.einsum("wtk,wtk->wt", own, own)
     leverage += np.einsum("nk,nk->n", basis, basis).reshape(e.shape)
     counts = problem.weighted.reshape(e.shape) & (leverage < PINNED)

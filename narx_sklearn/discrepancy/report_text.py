@@ -41,7 +41,7 @@ def _listed(signals) -> str:
 
 def _what(dx) -> list[str]:
     lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
-    if dx.verdict_ == "unknown" and dx.findings_:
+    if dx.verdict_ == "unknown" and any(finding.modelled for finding in dx.findings_):
         lines += ["What comes nearest:", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         title = finding.title[:1].upper() + finding.title[1:]
@@ -57,6 +57,8 @@ def _what(dx) -> list[str]:
         if finding.rivals:
             lines.append(f"   Just as likely on these data: {', '.join(finding.rivals)}.")
             lines.append(f"   To tell them apart: {finding.separate_by}.")
+        if not finding.modelled:
+            lines.append(f"   What would tell more: {finding.separate_by}.")
         lines.append("")
     return lines
 
@@ -64,7 +66,7 @@ def _what(dx) -> list[str]:
 def _parameters(dx) -> list[str]:
     if dx.parameters_.empty:
         return []
-    shown = "augmented" if dx.findings_ else "refitted"
+    shown = "augmented" if any(finding.modelled for finding in dx.findings_) else "refitted"
     lines = ["Parameters of the simulation:"]
     for name, row in dx.parameters_.iterrows():
         value = f"{row[shown]:.4g} {row['unit']}".rstrip()

@@ -56,13 +56,14 @@ class Finding:
     improvement : float
         Share of the fitting windows' squared error that the whole set takes away.
     separate_by : str, default=""
-        What experiment tells it from its look-alikes.
+        What experiment tells it from its look-alikes; where it has no form, what would tell more.
     rivals : tuple of str, default=()
         The look-alikes with their places, ``"code at port"``.
     confidence : float, default=0.0
         Weight of this effect among all that were tried in its place.
     evidence : dict, default=None
-        Numbers behind it.
+        Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
+        ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``.
     """
 
     effect: str
@@ -82,3 +83,8 @@ class Finding:
     rivals: tuple[str, ...] = ()
     confidence: float = 0.0
     evidence: dict | None = None
+
+    @property
+    def modelled(self) -> bool:
+        """Whether it has a form, which the corrected simulation then holds."""
+        return bool(self.equation or self.parameters)

@@ -19,6 +19,7 @@ from narx_sklearn.report._runs import WORDS, Material, gather, noise_left, white
 from narx_sklearn.report._words import (
     TableText,
     capital,
+    corrected,
     correlation_table,
     difference_table,
     finding_table,
@@ -329,8 +330,12 @@ def _what(dx, material: Material) -> list[dict]:
     """Return the findings with their tables and curves."""
     found = []
     curves = effect_curves(dx, material)
-    for rank, (finding, curve) in enumerate(zip(dx.findings_, curves, strict=True), start=1):
+    for rank, finding in enumerate(dx.findings_, start=1):
         title = capital(finding.title)
+        if not finding.modelled:
+            found.append({"rank": rank, "title": title, "finding": finding})
+            continue
+        curve = curves[rank - 1]
         caption = f"{title}: {curve.y_label} against {curve.x_label}, as fitted and as the data ask for."
         bins = to_table(
             curve.table,
@@ -365,9 +370,9 @@ def _proof(dx, material: Material, outputs) -> dict | None:
     longest = max(material.held_out, key=lambda part: part.rows.stop - part.rows.start)
     n = min(longest.rows.stop - longest.rows.start, SHOWN)
     rows = slice(longest.rows.start, longest.rows.start + n)
-    after = "corrected" if dx.findings_ else "parameters refitted"
-    before = "parameters refitted" if dx.findings_ else "as it was"
-    keys = ("refitted", "augmented") if dx.findings_ else ("nominal", "refitted")
+    after = "corrected" if corrected(dx) else "parameters refitted"
+    before = "parameters refitted" if corrected(dx) else "as it was"
+    keys = ("refitted", "augmented") if corrected(dx) else ("nominal", "refitted")
     figures = []
     for column, label in enumerate(outputs):
         caption = (

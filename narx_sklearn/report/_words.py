@@ -80,11 +80,18 @@ def headline(dx) -> str:
         sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
     elif dx.verdict_ == "unknown":
         sentence = "Something is missing from the simulation that the catalogue does not hold"
-        if names:
+        if corrected(dx):
             sentence += f"; what comes nearest: {names}"
+        elif dx.findings_:
+            sentence += f"; the likeliest place is {dx.findings_[0].place}"
     else:
         sentence = VERDICTS[dx.verdict_].rstrip(".")
     return f"{sentence}{_gain(dx)}."
+
+
+def corrected(dx) -> bool:
+    """Tell whether anything was added to the simulation."""
+    return any(finding.modelled for finding in dx.findings_)
 
 
 def _gain(dx) -> str:
@@ -93,7 +100,7 @@ def _gain(dx) -> str:
     error = dx.scores_["nrmse"]
     if dx.verdict_ == "consistent":
         return f" (held-out error {percent(error['nominal'])} of the recording's spread)"
-    before, after = error["refitted" if dx.findings_ else "nominal"], error["augmented"]
+    before, after = error["refitted" if corrected(dx) else "nominal"], error["augmented"]
     if not np.isfinite(after):
         return "; on data the fit never saw, the free run leaves the finite range"
     if not np.isfinite(before):
@@ -154,7 +161,7 @@ def score_table(dx, outputs: Sequence[str]) -> TableText:
         cells.append(f"{percent(row['nrmse_low'])} to {percent(row['nrmse_high'])}" if known else "-")
         cells += [number(row[column]) for column in frame if column.startswith("rmse")]
         removed = row.get("removed", np.nan)
-        cells.append(percent(removed) if row["run"] == "augmented" and dx.findings_ else "-")
+        cells.append(percent(removed) if row["run"] == "augmented" and corrected(dx) else "-")
         rows.append(tuple(cells))
     rmse = [f"rms error of {label}" for label in outputs]
     header = ("simulation", "error / spread", f"{percent(dx.level)} interval", *rmse, "error energy removed")
@@ -308,12 +315,15 @@ def next_steps(dx, experiment=None) -> list[str]:
         )
     if dx.verdict_ == "refit":
         steps.append("Take over the refitted parameters; nothing needs to be added to the equations.")
-    if dx.verdict_ == "unknown":
+    unmodelled = [finding.separate_by for finding in dx.findings_ if not finding.modelled]
+    if unmodelled:
+        steps.append(f"What would tell more: {'; '.join(unmodelled)}.")
+    elif dx.verdict_ == "unknown":
         steps.append(
             "Look at the curve above: what in the machine depends on that signal in this way? Register it as "
             "an effect of your own and diagnose again."
         )
-    worse = bool(dx.findings_) and not dx.scores_.empty
+    worse = corrected(dx) and not dx.scores_.empty
     worse = worse and dx.scores_.loc["augmented", "nrmse"] >= dx.scores_.loc["refitted", "nrmse"]
     if worse:
         steps.append(

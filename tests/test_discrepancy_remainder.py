@@ -1,0 +1,265 @@
+"""Is what is left over noise? False alarms under noise of many colours, and one positive for every sign."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.followed import followed, response
+from narx_sklearn.discrepancy.locate import tangent
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.remainder import Remainder, Sign, look_at_remainder
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
+
+N = 2000
+DT = 0.02
+STATES = ["position [m]", "velocity [m/s]"]
+NAMES = ("gain [m/s^2/V]", "damping [1/s]", "stiffness [1/s^2]")
+TRUE = (1.1, 0.7, 11.0)
+LEVEL = 0.0025
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def pushed(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] + u[1]
+
+
+def loosened(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * (1.0 + u[1]) * x[0]
+
+
+def simulator(rhs=stage, values=TRUE, inputs=("drive [V]",)):
+    parameters = dict(zip(NAMES, values, strict=True))
+    return ODESimulator(rhs, dt=DT, parameters=parameters, states=STATES, inputs=list(inputs))
+
+
+def levels(rng, n=N, hold=10):
+    return np.repeat(rng.normal(0, 3, n // hold), hold)
+
+
+def output(u, second=None, rhs=stage):
+    """Return what the real stage does, a second input kept from the simulator."""
+    if second is None:
+        return simulator().simulate(u)[:, 0]
+    return simulator(rhs, TRUE, ("drive [V]", "hidden")).simulate(np.column_stack([u, second]))[:, 0]
+
+
+def setting(u, y, values=(1.0, 0.8, 12.0)):
+    """Return the problem of a simulator with wrong parameters, its refitted model and its structure."""
+    sim = simulator(values=values)
+    windows = cut([(slice(0, len(u)), 0)], len(u) // 4, 12)
+    u, y = u[:, None], y[:, None]
+    problem = Problem(sim, u, y, windows, Noise.white(np.array([0.02])))
+    found = fit(problem, Model(sim.nominal, (), np.zeros((windows.count, 2))))
+    x = problem.run(found.model).x
+    return problem, found.model, find_structure(sim, x, u)
+
+
+def look(u, y) -> Remainder:
+    return look_at_remainder(*setting(u, y), random_state=0)
+
+
+def rescaled(signal):
+    return signal / signal.std()
+
+
+def coloured(kind, rng, n=N):
+    white = rng.normal(size=n)
+    if kind == "ar1":
+        white = lfilter([1.0], [1.0, -0.9], white)
+    elif kind == "a gusty load":
+        white = white + 2 * rescaled(output(levels(rng, n, hold=1)))
+    elif kind == "drifting":
+        white = white + 0.05 * np.cumsum(rng.normal(size=n))
+    elif kind == "heavy tails":
+        white = rng.standard_t(3, size=n)
+    return 0.02 * rescaled(white)
+
+
+def in_closed_loop(rng, n=N):
+    """Return input and recording of the stage under a controller that reads the coloured noise."""
+    wanted, noise = levels(rng, n) / 10, coloured("ar1", rng, n)
+    u, y, x = np.zeros(n), np.zeros(n), np.zeros(2)
+    gain, damping, stiffness = TRUE
+    step = expm(DT * np.array([[0.0, 1.0, 0.0], [-stiffness, -damping, gain], [0.0, 0.0, 0.0]]))
+    for k in range(n):
+        y[k] = x[0] + noise[k]
+        u[k] = 12.0 * (wanted[k] - y[k])
+        x = step[:2, :2] @ x + step[:2, 2] * u[k]
+    return u, y
+
+
+class TestFalseAlarms:
+    @pytest.mark.parametrize("kind", ["white", "ar1", "a gusty load", "drifting", "heavy tails"])
+    def test_noise_of_any_colour_is_noise(self, kind):
+        chances = []
+        for seed in range(4):
+            rng = np.random.default_rng(seed)
+            u = levels(rng)
+            chances.append(look(u, output(u) + coloured(kind, rng)).p_value)
+        assert min(chances) > LEVEL
+        assert np.median(chances) > 0.05
+
+    def test_a_step_of_the_converter_is_noise(self):
+        rng = np.random.default_rng(1)
+        u = levels(rng)
+        y = np.round((output(u) + 0.004 * rng.normal(size=N)) / 0.04) * 0.04
+        assert look(u, y).p_value > LEVEL
+
+    def test_noise_that_a_controller_feeds_back_is_noise(self):
+        assert min(look(*in_closed_loop(np.random.default_rng(seed))).p_value for seed in range(4)) > LEVEL
+
+    def test_tests_share_the_level(self):
+        remainder = Remainder((Sign("line", "", 0.001), Sign("size", "", 0.4), Sign("bursts", "", 0.5)))
+        assert remainder.p_value == pytest.approx(0.003)
+        assert [sign.kind for sign in remainder.speaking(0.01)] == ["line"]
+        assert Remainder(()).p_value == 1.0
+
+
+class TestSigns:
+    def strongest(self, u, y):
+        remainder = look(u, y)
+        assert remainder.p_value <= LEVEL
+        return min(remainder.signs, key=lambda sign: sign.p_value)
+
+    def test_a_scale_that_errs_periodically_is_followed_at_the_output(self):
+        rng = np.random.default_rng(0)
+        u = levels(rng)
+        y = output(u)
+        y = y + 0.02 * np.sin(25.0 * y) + 0.02 * rng.normal(size=N)
+        sign = self.strongest(u, y)
+        assert sign.kind == "follows"
+        assert sign.words == "It depends on position [m], acting on the output position."
+
+    def test_a_push_at_every_step_of_the_input_follows_how_fast_it_moves(self):
+        rng = np.random.default_rng(2)
+        u = levels(rng)
+        y = output(u, 0.8 * np.abs(np.diff(u, prepend=u[0])), pushed) + coloured("ar1", rng)
+        sign = self.strongest(u, y)
+        assert sign.kind == "follows"
+        assert sign.words.startswith("It depends on how fast drive [V] moves")
+
+    def test_what_grows_with_the_position_follows_in_size(self):
+        rng = np.random.default_rng(3)
+        u = levels(rng)
+        y = output(u)
+        y = y + 0.02 * (0.3 + np.abs(rescaled(y))) * rng.normal(size=N)
+        sign = self.strongest(u, y)
+        assert sign.kind == "size"
+        assert sign.words.startswith("Its size on position [m] depends on position [m]")
+
+    def test_blows_come_in_bursts_at_their_times(self):
+        rng = np.random.default_rng(4)
+        u = levels(rng)
+        blows = np.zeros(N)
+        for k in (400, 1100, 1700):
+            blows[k : k + 2] = 25.0
+        sign = self.strongest(u, output(u, blows, pushed) + 0.005 * rng.normal(size=N))
+        assert sign.kind == "bursts"
+        times = [float(t.split()[0]) for t in sign.words.split(" round ")[1].split(", ")]
+        assert all(min(abs(t - k * DT) for k in (400, 1100, 1700)) < 1.0 for t in times)
+
+    def test_a_hum_is_a_line_at_its_frequency(self):
+        rng = np.random.default_rng(5)
+        u = levels(rng)
+        y = output(u) + 0.02 * np.sin(2 * np.pi * 7.3 * DT * np.arange(N)) + 0.02 * rng.normal(size=N)
+        sign = self.strongest(u, y)
+        assert sign.kind == "line"
+        assert float(sign.words.split(" at ")[1].split()[0]) == pytest.approx(7.3, abs=0.03)
+
+    def test_a_stiffness_modulated_in_time_is_no_noise(self):
+        rng = np.random.default_rng(6)
+        u = levels(rng)
+        swing = 0.4 * np.sin(5.0 * DT * np.arange(N) + 1.0)
+        assert look(u, output(u, swing, loosened) + coloured("ar1", rng) / 2).p_value <= LEVEL
+
+
+class TestFollowed:
+    def test_inputs_are_late_where_noise_is_fed_back(self):
+        rng = np.random.default_rng(0)
+        u = levels(rng)
+        problem, model, structure = setting(u, output(u) + coloured("white", rng))
+        run = problem.run(model)
+        words = [f.words for f in followed(problem, run, structure, 2, past=1)]
+        assert [w for w in words if "drive" in w and "before" not in w] == []
+        assert "the direction of drive [V] 1 sample before" in words
+        assert words.count("position [m]") == 2  # two cosines, at the sample itself
+        assert not [w for w in words if "rate of position" in w or "direction of position" in w]
+
+    def test_each_is_what_the_signal_was_so_long_ago(self):
+        rng = np.random.default_rng(0)
+        u = levels(rng)
+        problem, model, structure = setting(u, output(u) + coloured("white", rng))
+        found = {f.words: f.values for f in followed(problem, problem.run(model), structure, 1)}
+        late = found["drive [V] 16 samples before"]
+        assert np.corrcoef(late[16:], u[:-16])[0, 1] == pytest.approx(1.0)
+        assert np.all(late[:16] == 0)
+
+    @pytest.mark.parametrize("port", [Port("state", 1), Port("input", 0), Port("output", 0)])
+    def test_responses_are_those_of_the_simulator_with_a_small_force(self, port):
+        rng = np.random.default_rng(1)
+        u = levels(rng, 200)
+        windows = cut([(slice(0, 200), 0)], 200, 12)
+        sim, small = simulator(), 1e-4
+        problem = Problem(sim, u[:, None], np.zeros((200, 1)), windows, Noise.white(np.ones(1)))
+        run = sim.run(u[:, None], windows, np.zeros((1, 2)))
+        w = rng.normal(size=200)
+        moved = {
+            "state": lambda: output(u, small * w, pushed),
+            "input": lambda: output(u + small * w),
+            "output": lambda: output(u) + small * w,
+        }[port.kind]()
+        linear = tangent(sim, run, u[:, None], windows)
+        got = response(problem, linear, port, w[:, None])[:, 0, 0]
+        np.testing.assert_allclose(got, (moved - output(u)) / small, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def diagnosed():
+    rng = np.random.default_rng(0)
+    u = levels(rng, 2500)
+    y = output(u)
+    y = y + 0.02 * np.sin(25.0 * y) + 0.02 * rng.normal(size=u.size)
+    nominal = simulator(values=(1.0, 0.8, 12.0))
+    effects = ["coulomb_friction", "gain_drift"]
+    return DiscrepancyRegressor(nominal, effects=effects, max_effects=1, n_leaders=2).fit(u, y), u, y
+
+
+class TestDiagnosis:
+    def test_what_has_no_name_is_unknown_at_its_port(self, diagnosed):
+        dx, _, _ = diagnosed
+        assert dx.verdict_ == "unknown"
+        assert dx.p_value_ <= dx.alpha / 2
+        (finding,) = dx.findings_
+        assert (finding.effect, finding.port) == ("unknown", "output:0")
+        assert "follows" in finding.evidence
+        assert not finding.modelled
+        assert finding.place == "on the output position"
+
+    def test_the_simulation_stays_the_refitted_one(self, diagnosed):
+        dx, u, _ = diagnosed
+        np.testing.assert_array_equal(dx.simulator_.simulate(u), dx.refitted_simulator_.simulate(u))
+
+    def test_the_report_says_what_speaks_against_noise_and_what_to_try(self, diagnosed):
+        dx, _, _ = diagnosed
+        assert "What is left over is no noise. It depends on position [m]" in dx.report_
+        assert "What would tell more: an effect of your own" in dx.report_
+        assert "comes nearest" not in dx.report_
+
+    def test_the_html_report_shows_it_without_a_curve(self, diagnosed):
+        pytest.importorskip("jinja2")
+        pytest.importorskip("matplotlib")
+        from narx_sklearn.report import render_report
+
+        dx, u, y = diagnosed
+        page = render_report(dx, u, y)
+        assert "the likeliest place is on the output position" in page
+        assert "What would tell more: an effect of your own" in page
