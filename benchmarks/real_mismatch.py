@@ -1,6 +1,6 @@
 """Real recordings with a documented effect kept from the simulator: what the diagnosis says, and the proof.
 
-python benchmarks/real_mismatch.py [--only silverbox,emps] [--trace] [--out results.txt]
+python benchmarks/real_mismatch.py [--only silverbox,emps] [--trace] [--most 8192] [--out results.txt]
 
 The recordings are read by the package's fetchers (NARX_SKLEARN_DATA names a folder of local copies).
 A table is written as soon as a record is done; the report in words follows it.
@@ -16,7 +16,7 @@ from harness.tables import format_table
 from mismatch import cases
 from mismatch.judge import Outcome, diagnose, from_trace
 
-RECORDS: dict[str, Callable[[], cases.Case]] = {
+RECORDS: dict[str, Callable[..., cases.Case]] = {
     "cascaded_tanks": cases.cascaded_tanks,
     "silverbox": cases.silverbox,
     "emps": cases.emps,
@@ -25,6 +25,13 @@ RECORDS: dict[str, Callable[[], cases.Case]] = {
     "bh_loops": cases.bh_loops,
     "f16": cases.f16,
 }
+LONG = (
+    "silverbox",
+    "emps",
+    "bouc_wen",
+    "mr_damper",
+    "f16",
+)  # of which the first part will do for a quick look
 WITH_TRACE = ("cascaded_tanks", "silverbox", "emps", "bouc_wen")
 FRICTION = {"coulomb_friction", "asymmetric_friction", "stribeck_friction"}
 HYSTERESIS = {"bouc_wen_hysteresis", "prandtl_ishlinskii"}
@@ -90,6 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default=",".join(RECORDS), help="records, separated by commas")
     parser.add_argument("--trace", action="store_true", help="the simulator is known by its output alone")
+    parser.add_argument("--most", type=int, help="samples of the training part that are used, from its first")
     parser.add_argument("--out", help="file to which every result is added as it comes")
     options = parser.parse_args()
     for name in options.only.split(","):
@@ -98,7 +106,8 @@ def main() -> None:
         if options.trace and name not in WITH_TRACE:
             continue
         try:
-            case = RECORDS[name]()
+            shorter = {"most": options.most} if options.most and name in LONG else {}
+            case = RECORDS[name](**shorter)
             outcome = diagnose(from_trace(case) if options.trace else case)
             text = format_table(HEADER, rows(outcome)) + "\n\n" + story(outcome)
         except (ArithmeticError, ValueError, RuntimeError):  # the other records shall still be seen

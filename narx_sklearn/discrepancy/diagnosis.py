@@ -163,7 +163,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             against_noise = remainder.speaking(SHARE * settings.alpha)
             if any(sign.kind == "follows" for sign in against_noise):
                 unnamed = _unnamed(problem, refitted, best, structure, settings)
-            if unnamed is not None and _surely_better(problem, best, unnamed):
+            if unnamed is not None and _explains(problem, best, unnamed, structure, settings):
                 best, alternatives = unnamed, ((),)
     return Diagnosis(
         "unknown" if twin_misses_more else verdict,
@@ -391,11 +391,16 @@ def _unnamed(
     return found[0] if found else None
 
 
-def _surely_better(problem: Problem, base: Candidate, curve: Candidate) -> bool:
-    """Tell whether a curve takes off more than noise of any colour would let the best curve take off."""
+def _explains(
+    problem: Problem, base: Candidate, curve: Candidate, structure: Structure, settings: Settings
+) -> bool:
+    """Tell whether a curve takes off more than noise of any colour would let it, and leaves noise."""
     gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
     shapes = problem.n_seen ** (0.5 * (curve.effects[0].n_theta - 1))
-    return chance_of_noise(gained, 1, shapes) <= SUSPECT
+    if chance_of_noise(gained, 1, shapes) > SUSPECT:
+        return False
+    rest = look_at_remainder(problem, curve.fit.model, structure, settings.random_state)
+    return rest.p_value > SHARE * settings.alpha
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):
