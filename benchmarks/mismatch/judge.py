@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from mismatch.cases import Case, Part
 from narx_sklearn import DiscrepancyRegressor, TraceSimulator
@@ -63,13 +64,11 @@ def diagnose(case: Case, **settings) -> Outcome:
 
 
 def from_trace(case: Case) -> Case:
-    """Return the case as someone has it who knows only the simulated output."""
-    train = case.train
-    return replace(
-        case,
-        name=f"{case.name} (trace)",
-        simulator=TraceSimulator(case.simulator.simulate(train.u), train.u, dt=case.simulator.dt),
-    )
+    """Return the case as someone has it who knows only the simulated output, and the units of the signals."""
+    simulator = case.simulator
+    u = pd.DataFrame(case.train.u, columns=[str(signal) for signal in simulator.inputs])
+    trace = TraceSimulator(simulator.simulate(u), u, dt=simulator.dt)
+    return replace(case, name=f"{case.name} (trace)", simulator=trace)
 
 
 def _error(simulator, part: Part, guess: np.ndarray) -> float:
