@@ -165,7 +165,8 @@ class TestSigns:
         sign = self.strongest(u, output(u, blows, pushed) + 0.005 * rng.normal(size=N))
         assert sign.kind == "bursts"
         times = [float(t.split()[0]) for t in sign.words.split(" round ")[1].split(", ")]
-        assert all(min(abs(t - k * DT) for t in times) < 1.0 for k in struck)
+        # the first is hidden by the initial state of the window that it opens
+        assert all(min(abs(t - k * DT) for t in times) < 0.5 for k in struck[1:])
 
     def test_a_hum_is_a_line_at_its_frequency(self):
         rng = np.random.default_rng(5)

@@ -32,6 +32,7 @@ BURSTS = (4, 16, 64, 256)  # lengths of bursts, samples
 FEWEST_BURSTS = 8  # of one length that the record must have room for
 LOUD = 4.0  # standard deviations above the mean: stretches that are told
 MOST_TOLD = 5
+MEDIAN = 0.6745  # of the size of a normal variate
 HILL = 2  # ordinates of a spectrum to either side that are of one level
 NEAR = range(2, 7)  # ordinates from a line: near enough for one level, far enough from its foot
 TO_TRY = {
@@ -92,7 +93,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
         (
             _follows(problem, found, e, structure, rng),
             _size_follows(problem, found, scores, structure, rng),
-            _in_bursts(problem, scores, rng),
+            _in_bursts(problem, scores, e, rng),
             _line(problem, e),
         )
     )
@@ -209,7 +210,7 @@ def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
     return scores
 
 
-def _in_bursts(problem: Problem, scores: np.ndarray, rng) -> Sign:
+def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign:
     """Test whether large innovations come together, against the same ones in any order."""
     n_outputs = problem.y.shape[1]
     largest, t, told = np.full(DRAWS, -np.inf), -np.inf, ""
@@ -224,7 +225,10 @@ def _in_bursts(problem: Problem, scores: np.ndarray, rng) -> Sign:
         largest = np.maximum(largest, ((drawn - centre) / spread).max(axis=1))
         found = ((_clustering(own[place], lengths) - centre) / spread).max()
         if found > t:
-            t, told = found, f"It comes in bursts on {output}{_when(problem, own[place], place)}."
+            t, told = (
+                found,
+                f"It comes in bursts on {output}{_when(problem, e[:, i::n_outputs].ravel()[place], place)}.",
+            )
     return Sign("bursts", told, (1.0 + np.count_nonzero(largest >= t)) / (1.0 + DRAWS))
 
 
@@ -237,10 +241,11 @@ def _clustering(z: np.ndarray, lengths: list[int]) -> np.ndarray:
     return np.array(found)
 
 
-def _when(problem: Problem, z: np.ndarray, place: np.ndarray) -> str:
-    """Return the times of the loudest bursts in words."""
+def _when(problem: Problem, e: np.ndarray, place: np.ndarray) -> str:
+    """Return the times of the loudest bursts in words, from the power of the innovations there."""
     length = BURSTS[1]
-    means = np.convolve(z, np.ones(length) / np.sqrt(length), mode="same")
+    power = (e / np.median(np.abs(e)) * MEDIAN) ** 2 - 1.0
+    means = np.convolve(power, np.ones(length) / np.sqrt(2 * length), mode="same")
     times: list[float] = []
     while len(times) < MOST_TOLD and means.max() > LOUD:
         k = int(np.argmax(means))
