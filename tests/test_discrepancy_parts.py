@@ -229,6 +229,13 @@ class TestNoise:
         determinant = noise.log_determinant(1) + 2 * n * np.log(1.7)
         assert determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
 
+    def test_a_run_that_leaves_the_finite_range_has_no_finite_innovations(self):
+        signal = np.ones((2, 20, 1))
+        signal[1, 1:] = [[np.inf], [np.nan], *[[1.0]] * 17]
+        white = Noise((np.array([0.5, 0.2]),), np.array([1.0])).innovations(signal)
+        assert np.isfinite(white[0]).all()
+        assert not np.isfinite(white[1]).all()
+
 
 class TestDetection:
     def make_bank(self, rng, n_columns=20, size=0.0, n=(4, 500)):

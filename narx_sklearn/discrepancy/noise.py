@@ -73,7 +73,9 @@ class Noise(NamedTuple):
                 out[:, lag:, output] -= coefficient * scaled[:, :-lag]
             root = self.starting(output)
             out[:, : a.size, output] = (
-                0.0 if root is None else solve_triangular(root, scaled[:, : a.size].T, lower=True).T
+                0.0
+                if root is None
+                else solve_triangular(root, scaled[:, : a.size].T, lower=True, check_finite=False).T
             )
             if self.average and self.average[output]:
                 b = self.average[output]
