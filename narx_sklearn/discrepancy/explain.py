@@ -281,14 +281,14 @@ def _confirmed(
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
     Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
-    Where only a drift or an offset of an output stands, with drifting noise not against it, only such a one
-    is found.
+    Where only a drift or an offset of an output stands, with drifting noise not against it, nothing else is
+    found.
     """
     if not found:
         return detection, found
     without = cache(lambda noises: deviance(problem, base.fit.model, noises))
     n_tried = len(bank.hypotheses)
-    chances: dict[bool, list[float]] = {False: [], True: []}
+    chances: list[tuple[Candidate, float]] = []
     for candidate in found[:CONFIRMED]:
         if candidate.criterion <= found[0].criterion + HARDLY:
             effect = candidate.effects[-1]
@@ -297,10 +297,11 @@ def _confirmed(
                 for noises in held_against(effect)
             )
             chance = chance_of_noise(gained - ODD * effect.odd, n_tried, _shapes(effect, problem, bank))
-            chances[_is_slow(candidate)].append(chance)
-    least = min(chances[False] + chances[True])
-    if least <= alpha < min(chances[False], default=1.0):
-        found = [candidate for candidate in found if _is_slow(candidate)]
+            chances.append((candidate, chance))
+    least = min(chance for _, chance in chances)
+    standing = [candidate for candidate, chance in chances if chance <= alpha]
+    if standing and all(_is_slow(candidate) for candidate in standing):
+        found = standing
     return detection._replace(p_value=max(detection.p_value, least)), found
 
 
