@@ -7,7 +7,7 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
-from numba import njit, objmode
+from numba import carray, njit, objmode
 from numba.core import ir, ir_utils
 from numba.core.compiler import run_frontend
 from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
@@ -138,9 +138,10 @@ def with_parameters_fixed(equation, parameters: np.ndarray):
 @lru_cache(maxsize=KEPT)
 def _fixed_parameters(equation, parameters: tuple[float, ...]):
     values = np.array(parameters)
+    inner = equation.of_arrays
 
     def write(x, u, p, written):
-        equation(x, u, values.copy(), written)
+        inner(x, u, values.copy(), written)
 
     return _fixed(write)
 
@@ -242,10 +243,17 @@ def _interpreted(function: Callable):
 
 
 def _fixed(function: Callable):
-    """Return the function compiled for the one signature the kernel knows.
+    """Return the function of arrays ``(x, u, p, written)`` compiled for the one signature the kernel knows.
 
     Not kept on disk: numba would not notice that something the user's function calls has changed.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaWarning)
-        return njit(EQUATION, error_model="numpy", nogil=True)(function)
+        inner = njit(error_model="numpy", nogil=True)(function)
+
+        def write(x, u, p, written, n_x, n_u, n_p, n_written):
+            inner(carray(x, (n_x,)), carray(u, (n_u,)), carray(p, (n_p,)), carray(written, (n_written,)))
+
+        result: Any = njit(EQUATION, error_model="numpy", nogil=True)(write)
+        result.of_arrays = inner
+        return result

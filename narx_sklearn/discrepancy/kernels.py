@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
@@ -24,12 +24,16 @@ MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishli
 AT_ONCE = 1e-6  # of a step
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
+POINTER = types.CPointer(types.float64)
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
 INTEGERS = types.Array(types.int64, 1, "C")
 FLAGS = types.Array(types.boolean, 1, "C")
-EQUATION = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
-"""Signature of a right-hand side and of an output: ``(x, u, p, written)``."""
+EQUATION = types.void(*[POINTER] * 4, *[types.intp] * 4)
+"""Signature of a right-hand side and of an output: where ``x, u, p, written`` lie, and their lengths.
+
+(Arrays would be handed over with all they know of themselves, at the price of many lines of arithmetic.)
+"""
 
 FORCE = types.float64(*[types.float64] * 6, VECTOR, VECTOR, VECTOR)
 """Signature of an effect's force: ``(argument, rate, own, second, time, step, z, theta, written dz)``."""
@@ -56,6 +60,48 @@ _equation_at: Any = intrinsic(lambda context, address: _function_at(types.Functi
 _force_at: Any = intrinsic(lambda context, address: _function_at(types.FunctionType(FORCE), address))
 
 
+def _pointer_to(vector):
+    """Return the type and the numba code of the pointer to the first value of a vector."""
+
+    def generate(context, builder, signature, arguments):
+        return context.make_array(vector)(context, builder, arguments[0]).data
+
+    return types.CPointer(vector.dtype)(vector), generate
+
+
+def _pointer_to_row(matrix, index):
+    """Return the type and the numba code of the pointer to a row of a C-contiguous matrix."""
+
+    def generate(context, builder, signature, arguments):
+        values = context.make_array(matrix)(context, builder, arguments[0])
+        row_size = builder.extract_value(values.shape, 1)
+        return builder.gep(values.data, [builder.mul(arguments[1], row_size)])
+
+    return types.CPointer(matrix.dtype)(matrix, types.intp), generate
+
+
+_pointer: Any = intrinsic(lambda context, vector: _pointer_to(vector))
+_row_pointer: Any = intrinsic(lambda context, matrix, index: _pointer_to_row(matrix, index))
+
+
+@njit(nogil=True, inline="always")
+def _row(matrix, index):
+    """Return a row that does not keep its matrix alive: counting owners costs more than most forces do."""
+    return carray(_row_pointer(matrix, index), (matrix.shape[1],))
+
+
+@njit(nogil=True, inline="always")
+def _write(equation, x, u, p, written):
+    """Let an equation write its values for these arguments."""
+    equation(_pointer(x), _pointer(u), _pointer(p), _pointer(written), x.size, u.size, p.size, written.size)
+
+
+@njit(nogil=True, cache=True)
+def write_values(equation_address, x, u, p, written):
+    """Let the equation at an address write its values for these arguments."""
+    _write(_equation_at(equation_address), x, u, p, written)
+
+
 @lru_cache(maxsize=ADDRESSES_KEPT)
 def equation_address(function) -> int:
     """Return where a compiled right-hand side or output lies, as long as it lives."""
@@ -73,7 +119,7 @@ def _address(function, signature) -> int:
     return found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
 
 
-@njit(nogil=True)
+@njit(nogil=True, inline="always")
 def _weighed(weights, now, states):
     """Return the second argument of an effect; NaN where it has none, as its weights are then."""
     if np.isnan(weights[0]):
@@ -144,7 +190,7 @@ def _simulate_windows(
     observed = np.empty(n_outputs)
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
-    dz = np.zeros((4, MAX_EFFECTS, MAX_MEMORY))
+    dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
     h = dt / substeps
     # a map adds whole increments, so to a force its step counts as one
     force_step = 1.0 if discrete else h
@@ -173,7 +219,7 @@ def _simulate_windows(
                     for i in range(n_outputs):
                         y_out[rest, i] = np.nan
                 break
-            output(x, now, p, observed)
+            _write(output, x, now, p, observed)
             for i in range(n_outputs):
                 y_out[k, i] = observed[i]
             for s in range(substeps):
@@ -188,12 +234,12 @@ def _simulate_windows(
                         for j in range(memory[e]):
                             z_stage[e, j] = z[e, j]
                             if r > 0 and not jumps[e]:
-                                z_stage[e, j] += step * dz[r - 1, e, j]
+                                z_stage[e, j] += step * dz[4 * e + r - 1, j]
                     if linear_hold and k + 1 < last[w]:
                         ahead = (s * h + step) / dt
                         for i in range(n_inputs):
                             now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
-                    equation(stage, now, p, nominal)
+                    _write(equation, stage, now, p, nominal)
                     for i in range(n_states):
                         slope[r, i] = nominal[i]
                     time = (k - began[w]) * dt + s * h + step
@@ -206,12 +252,20 @@ def _simulate_windows(
                                 rate += weights[e, i] * (nominal[i] - stage[i]) / dt
                             else:
                                 rate += weights[e, i] * nominal[i]
-                        other = _weighed(seconds[e], now, stage)
+                        other = _weighed(_row(seconds, e), now, stage)
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
                         within = force_step * (AT_ONCE if after[e] else 1.0)
                         force = _force_at(force_addresses[e])(
-                            argument, rate, own, other, time, within, z_stage[e], theta[e], dz[r, e]
+                            argument,
+                            rate,
+                            own,
+                            other,
+                            time,
+                            within,
+                            _row(z_stage, e),
+                            _row(theta, e),
+                            _row(dz, 4 * e + r),
                         )
                         force *= strength[e]
                         slope[r, port[e]] += force
@@ -231,11 +285,19 @@ def _simulate_windows(
                     for i in range(n_states):
                         argument += weights[e, i] * before[i]
                         rate += weights[e, i] * (x[i] - before[i]) / h
-                    other = _weighed(seconds[e], now, before)
+                    other = _weighed(_row(seconds, e), now, before)
                     own = (x[port[e]] - before[port[e]]) / force_step
                     time = (k - began[w]) * dt + s * h
                     force = _force_at(force_addresses[e])(
-                        argument, rate, own, other, time, force_step, z_stage[e], theta[e], dz[0, e]
+                        argument,
+                        rate,
+                        own,
+                        other,
+                        time,
+                        force_step,
+                        _row(z_stage, e),
+                        _row(theta, e),
+                        _row(dz, 4 * e),
                     )
                     force *= strength[e] * force_step
                     x[port[e]] += force
@@ -244,13 +306,13 @@ def _simulate_windows(
                 for e in range(n_forces):
                     for j in range(memory[e]):
                         if jumps[e]:
-                            z[e, j] = dz[0, e, j]
+                            z[e, j] = dz[4 * e, j]
                         elif discrete:
-                            z[e, j] += dt * dz[0, e, j]
+                            z[e, j] += dt * dz[4 * e, j]
                         else:
-                            z[e, j] += (
-                                h / 6.0 * (dz[0, e, j] + 2 * dz[1, e, j] + 2 * dz[2, e, j] + dz[3, e, j])
-                            )
+                            first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
+                            second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
+                            z[e, j] += h / 6.0 * (first_half + second_half)
     return failed
 
 

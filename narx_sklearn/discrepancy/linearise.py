@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import root
 
+from narx_sklearn.discrepancy.kernels import equation_address, write_values
 from narx_sklearn.discrepancy.simulator import Simulator
 
 STEP = 6e-6  # relative step of central differences: the cube root of the rounding unit
@@ -25,8 +26,8 @@ def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray
     x, u, p = (np.array(v, dtype=float) for v in (x, u, simulator.nominal if p is None else p))
     rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
     equation, output = simulator._equations()
-    equation(x, u, p, rates)
-    output(x, u, p, outputs)
+    write_values(equation_address(equation), x, u, p, rates)
+    write_values(equation_address(output), x, u, p, outputs)
     return rates, outputs
 
 
