@@ -1,9 +1,21 @@
 """Settings of the whole test suite."""
 
+import pytest
 from hypothesis import settings
+from joblib import cpu_count
 
 # Derandomised, so that a run fails for a change and not for a draw; compiled kernels need no deadline.
 # To look for new counterexamples: python -m pytest --hypothesis-profile=explore
 settings.register_profile("law", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile("law")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Spread a run of the whole suite over the cores where pytest-xdist is there; `-n 0` does not."""
+    is_whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    is_worker = hasattr(config, "workerinput")
+    can_spread = config.pluginmanager.hasplugin("xdist") and not is_worker
+    if is_whole and can_spread and config.option.numprocesses is None:
+        config.option.numprocesses, config.option.dist = cpu_count(), "loadfile"
