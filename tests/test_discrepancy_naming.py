@@ -7,14 +7,14 @@ import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
+from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
-from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
+from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes, special_cases
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -101,6 +101,18 @@ class TestChanceOfNoise:
         variance = np.mean(problem.left_over(found.model)[problem.seen] ** 2)
         n = problem.seen.sum()
         assert deviance(problem, found.model) == pytest.approx(n * np.log(variance), abs=25.0)
+
+    def test_colour_that_came_from_what_was_missing_gives_way_to_the_noise_that_an_effect_leaves(self):
+        problem, start = axis_problem([friction(0.3)])
+        without = fit(problem, start)
+        coloured = problem.with_noise(estimate_noise(problem.left_over(without.model), problem.seen))
+        assert coloured.noise.order > 0
+        named = fit(problem, without.model._replace(effects=(friction(0.1),)))
+        found = clearer_noise(coloured, [fit(coloured, without.model).model, named.model])
+        assert found is not None
+        assert found.sigma[0] == pytest.approx(0.002, rel=0.05)
+        assert all(np.sum(np.abs(a)) < 0.1 for a in found.coefficients)
+        assert clearer_noise(problem.with_noise(found), [named.model, without.model]) is None
 
     def test_every_shape_and_every_hypothesis_has_its_price(self):
         plain = chance_of_noise(30.0, 1, 1)
@@ -278,6 +290,28 @@ class TestLookAlikes:
         falling = Candidate(falling.fit._replace(cost=better), falling.n_samples)
         assert falling.criterion < plain.criterion - HARDLY
         assert likeliest([falling, plain], unexplained) is (plain if enough else falling)
+
+    def test_an_entry_of_as_many_parameters_is_no_refinement(self):
+        _, (plain, falling), _ = self.candidates(size=0.3)
+        unexplained = 30 * plain.fit.cost
+        model = falling.fit.model
+        as_wide = replace(falling.effects[0], effect=plain.effects[0].effect)
+        wide = Candidate(falling.fit._replace(model=model._replace(effects=(as_wide,))), plain.n_samples)
+        wide = Candidate(wide.fit._replace(cost=plain.fit.cost), plain.n_samples)
+        better = plain.fit.cost - 0.004 * (unexplained - plain.fit.cost)
+        falling = Candidate(falling.fit._replace(cost=better), falling.n_samples)
+        assert falling.criterion < wide.criterion - HARDLY
+        assert likeliest([falling, wide], unexplained) is falling
+
+    def test_in_a_set_too_the_special_case_is_enough(self):
+        problem, (plain, falling), _ = self.candidates(size=0.3)
+        offset = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.1,))
+        together = falling.fit.model._replace(effects=(*falling.effects, offset))
+        pair = Candidate(fit(problem, together), problem.n_seen)
+        unexplained = 30 * plain.fit.cost
+        (simpler,) = special_cases(problem, pair, [plain, falling])
+        assert [e.effect.code for e in simpler.effects] == ["constant_load", "coulomb_friction"]
+        assert likeliest([pair, simpler], unexplained) is simpler
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

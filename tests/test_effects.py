@@ -1107,6 +1107,7 @@ class TestRegistry:
             ({"n_memory": 1}, "force left dz"),
             ({"transform": lambda signal, *a: signal[:-1]}, r"transform returned shape \(63,\)"),
             ({"transform": lambda signal, *a: signal.__imul__(2.0)}, "transform changed its signal"),
+            ({"held": lambda signal, *a: (signal, signal[:-1])}, r"held returned shape \(63,\)"),
         ],
     )
     def test_a_malformed_entry_is_refused_with_a_reason(self, changes, message):

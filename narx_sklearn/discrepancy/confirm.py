@@ -1,11 +1,12 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy.noise import estimate_noise, noise_deviance
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise, noise_deviance
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
@@ -13,6 +14,7 @@ from narx_sklearn.discrepancy.refit import fit
 ROUNDS = 4  # of noise and model in turn, at most
 COLOUR = 2.0  # price of a coefficient of the noise
 DRIFT, OFFSET = "additive_drift", "sensor_bias"
+CLEARER = 10.0  # difference of the deviance that makes a noise clearly the likelier
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
 
@@ -63,25 +65,67 @@ def deviance(problem: Problem, model: Model, noises: Noises = ANY) -> float:
     The price is that of Akaike (1974): a dearer one would leave a faint colour to the effect. Noise and
     model are fitted in turn, each to what the other leaves.
     """
-    lowest = np.inf
-    may_drift = noises.may_drift
+    if noises.from_zero:
+        return _from_zero(problem, model, noises.may_drift)
+    return own_noise(problem, model, noises.may_drift).deviance
+
+
+class OwnNoise(NamedTuple):
+    """The noise that a model leaves, and minus twice the log-likelihood of the recording under it."""
+
+    noise: Noise
+    deviance: float
+
+
+def own_noise(problem: Problem, model: Model, may_drift: bool = True) -> OwnNoise:
+    """Fit the noise and a model in turn, each to what the other leaves."""
+    best = OwnNoise(problem.noise, np.inf)
     for _ in range(ROUNDS):
         left = problem.left_over(model)
         noise = estimate_noise(left, problem.seen, may_drift=may_drift, price=COLOUR)
-        if noises.from_zero:
-            joined, seen = _joined(problem, left), _joined(problem, problem.seen)
-            value = noise_deviance(joined, seen, may_drift=may_drift, price=COLOUR)
-        own = problem.with_noise(noise)
-        found = fit(own, model)
-        if not noises.from_zero:
-            mean_square = found.cost / max(own.n_seen, 1)
-            level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
-            value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
-            value += noise.log_determinant(problem.windows.count)
-        gained, lowest, model = lowest - value, min(lowest, value), found.model
+        value, model = deviance_under(problem, model, noise)
+        gained = best.deviance - value
+        if value < best.deviance:
+            best = OwnNoise(noise, value)
         if not gained > ENOUGH:
             break
-    return float(lowest)
+    return best
+
+
+def deviance_under(problem: Problem, model: Model, noise: Noise) -> tuple[float, Model]:
+    """Return minus twice the log-likelihood under a given noise, priced, and the model fitted under it."""
+    own = problem.with_noise(noise)
+    found = fit(own, model)
+    mean_square = found.cost / max(own.n_seen, 1)
+    level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
+    value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
+    return float(value + noise.log_determinant(problem.windows.count)), found.model
+
+
+def clearer_noise(problem: Problem, models: Sequence[Model]) -> Noise | None:
+    """Return the noise that one of some models leaves, if it is much likelier than the problem's own.
+
+    Noise is first estimated from what tangents or a single effect leave. What they miss colours it, and
+    coloured noise then hides what it was coloured by. The first of the models is the best under the
+    problem's noise.
+    """
+    present, _ = deviance_under(problem, models[0], problem.noise)
+    clearest = min((own_noise(problem, model) for model in models), key=lambda own: own.deviance)
+    return clearest.noise if clearest.deviance < present - CLEARER else None
+
+
+def _from_zero(problem: Problem, model: Model, may_drift: bool) -> float:
+    """Return the deviance under noise that goes on from window to window and begins at zero."""
+    lowest, seen = np.inf, _joined(problem, problem.seen)
+    for _ in range(ROUNDS):
+        left = problem.left_over(model)
+        value = noise_deviance(_joined(problem, left), seen, may_drift=may_drift, price=COLOUR)
+        noise = estimate_noise(left, problem.seen, may_drift=may_drift, price=COLOUR)
+        gained, lowest = lowest - value, min(lowest, value)
+        model = fit(problem.with_noise(noise), model).model
+        if not gained > ENOUGH:
+            break
+    return lowest
 
 
 def _joined(problem: Problem, values: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance
+from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, clearer_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
@@ -25,9 +25,9 @@ from narx_sklearn.discrepancy.explain import (
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import parameters_moved
-from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes
+from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes, special_cases
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
@@ -49,6 +49,8 @@ FORM = 0.05  # share of what an effect explains that its idealised form may leav
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
+LOOKS = 2  # under a clearer noise, at most
+RIVALS = 3  # single effects whose own noise is looked at beside that of the best explanation
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -134,7 +136,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if np.any(_left_over(problem, refitted.residual) > rounding):
         problem, refitted, steps = _coloured_search(problem, refitted, structure, settings)
     p_missing = steps[0].detection.p_value if steps else 1.0
-    pool = sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+    pool = _pool(steps)
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
@@ -144,7 +146,11 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     unnamed = None
     if p_missing <= settings.alpha and pool:
         settings.tell("rivals and unnamed curves")
-        best = ranked(problem, _converged(problem, likeliest(pool, refitted.cost)))
+        best = likeliest(pool, refitted.cost)
+        if len(best.effects) > 1:
+            pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
+            best = likeliest(pool, refitted.cost)
+        best = ranked(problem, _converged(problem, best))
         found = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
         if found.verdict == "unknown" and len(best.effects) > 1 and singles:
@@ -263,7 +269,32 @@ def _coloured_search(
         problem = problem.with_noise(estimate_noise(problem.left_over(known[0].fit.model), problem.seen))
         refitted = fit(problem, refitted.model)
         steps = _searched(problem, refitted, structure, settings, True, known)
+    for _ in range(LOOKS):
+        explained = _explained(refitted, steps, settings.alpha)
+        noise = clearer_noise(problem, explained) if explained else None
+        if noise is None:
+            break
+        settings.tell("search again, under the noise that the best explanation leaves")
+        known = sorted((c for c in _pool(steps) if len(c.effects) == 1), key=lambda c: c.criterion)
+        problem = problem.with_noise(noise)
+        refitted = fit(problem, refitted.model)
+        steps = _searched(problem, refitted, structure, settings, True, known)
     return problem, refitted, steps
+
+
+def _pool(steps: list[Step]) -> list[Candidate]:
+    """Return all that was fitted in a search, best first."""
+    return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+
+
+def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Model]:
+    """Return the best explanation of a search and the best single effects; none where nothing is missing."""
+    pool = _pool(steps)
+    if not pool or steps[0].detection.p_value > alpha:
+        return []
+    best = likeliest(pool, refitted.cost)
+    singles = [c for c in pool if len(c.effects) == 1 and c is not best]
+    return [c.fit.model for c in (best, *singles[:RIVALS])]
 
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:

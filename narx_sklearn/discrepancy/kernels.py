@@ -154,6 +154,7 @@ def _simulate_windows(
     p,
     x0,
     u,
+    tilt,
     first,
     last,
     fresh,
@@ -171,8 +172,10 @@ def _simulate_windows(
     `seconds` holds the weights of each effect's second argument on inputs and states, NaN where it has none.
     The states of the effects, z, are carried from one window to the next and start at zero where `fresh`.
     A force writes dz/dt; where the effect `jumps` (play operators) it writes z itself, after the move to the
-    present argument. A force that acts `after` the step too is a hard limit: within the step it acts at once
-    where the limit has been reached, and then on the mean rate of the whole step, so that it is met exactly.
+    present argument. `tilt` says by how much each input rises within each step about its mean, u; it has no
+    rows where inputs are constant there. A force that acts `after` the step too is a hard limit: within the
+    step it acts at once where the limit has been reached, and then on the mean rate of the whole step, so
+    that it is met exactly.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -192,6 +195,7 @@ def _simulate_windows(
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
     h = dt / substeps
+    tilted = tilt.shape[0] > 0
     # a map adds whole increments, so to a force its step counts as one
     force_step = 1.0 if discrete else h
     failed = -1
@@ -204,7 +208,7 @@ def _simulate_windows(
         broken = False
         for k in range(first[w], last[w]):
             for i in range(n_inputs):
-                now[i] = u[k, i]
+                now[i] = u[k, i] - 0.5 * tilt[k, i] if tilted else u[k, i]
             for i in range(n_states):
                 x_out[k, i] = x[i]
                 if not abs(x[i]) < UNBOUNDED:
@@ -239,6 +243,9 @@ def _simulate_windows(
                         ahead = (s * h + step) / dt
                         for i in range(n_inputs):
                             now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
+                    elif tilted:
+                        for i in range(n_inputs):
+                            now[i] = u[k, i] + ((s * h + step) / dt - 0.5) * tilt[k, i]
                     _write(equation, stage, now, p, nominal)
                     for i in range(n_states):
                         slope[r, i] = nominal[i]
@@ -332,6 +339,7 @@ def simulate_windows():
         FLAGS,
         FLAGS,
         VECTOR,
+        MATRIX,
         MATRIX,
         MATRIX,
         INTEGERS,

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate
+from narx_sklearn.discrepancy.explain import FINE, HARDLY, Candidate
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import fit
@@ -25,7 +25,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
     Where the best holds another as a special case, hardly worse, that one is enough; so it is where the best
-    adds next to nothing to what it explains, since forms are idealised and strong effects show it. Else
+    needs more parameters and adds next to nothing to what it explains, since forms are idealised and strong
+    effects show it. Else
     natural is an effect made for the unit of its argument (gravity for an angle), if the data tell its
     parameters apart (gravity at one angle is a constant load), then fewer parameters.
 
@@ -35,13 +36,17 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         Cost without any effect.
     """
     best = min(candidates, key=lambda c: c.criterion)
-    before = min((c.fit.cost for c in candidates if len(c.effects) < len(best.effects)), default=unexplained)
+    fewer = min((c.fit.cost for c in candidates if len(c.effects) < len(best.effects)), default=unexplained)
 
     def is_near(c: Candidate) -> bool:
         if not _holds(c, best):
             return c.criterion <= best.criterion + ALIKE
         added = c.fit.cost - best.fit.cost
-        return c.criterion <= best.criterion + HARDLY or added <= REFINES * (before - c.fit.cost)
+        is_simpler = c.fit.model.q.size < best.fit.model.q.size
+        common = _places(c) & _places(best)
+        before = min((o.fit.cost for o in candidates if _places(o) == common), default=fewer)
+        is_enough = is_simpler and added <= REFINES * (before - c.fit.cost)
+        return c.criterion <= best.criterion + HARDLY or is_enough
 
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
     # two pairs may hold each other
@@ -67,9 +72,28 @@ def _told_apart(candidate: Candidate) -> bool:
     return bool(np.linalg.eigvalsh(columns.T @ columns / np.outer(length, length))[0] > ONE_WAY)
 
 
+def special_cases(problem: Problem, best: Candidate, singles: list[Candidate]) -> list[Candidate]:
+    """Return a set refitted with single effects in the places of members that hold them as special cases.
+
+    The set was built on whichever stood first alone, and that may be the more general one.
+    """
+    found = []
+    for i, member in enumerate(best.effects):
+        others = (*best.effects[:i], *best.effects[i + 1 :])
+        for single in (c.effects[0] for c in singles):
+            if single.effect.code in member.effect.holds and single.port == member.port:
+                model = best.fit.model._replace(effects=(*others, single))
+                found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+    return found
+
+
+def _places(candidate: Candidate) -> set:
+    return {effect.place for effect in candidate.effects}
+
+
 def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
     """Return what stands in another's place, if the catalogue calls it a look-alike of what stood there."""
-    places = {e.place for e in best.effects} & {e.place for e in other.effects}
+    places = _places(best) & _places(other)
     mine = [e for e in best.effects if e.place not in places]
     theirs = [e for e in other.effects if e.place not in places]
     alike = len(mine) == len(theirs) == 1 and theirs[0].effect.code in mine[0].effect.lookalikes

@@ -164,7 +164,8 @@ class Simulator(ABC):
         effects = self.effects if effects is None else tuple(effects)
         share = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
         u = np.require(u, dtype=float, requirements=["C", "W"])
-        driven = _transformed(u, "input", effects, share, None, self.dt, windows)
+        is_held = not (self.linear_hold or self.discrete)
+        driven, tilt = _applied(u, "input", effects, share, None, self.dt, windows, is_held)
         n_samples = u.shape[0]
         y = np.full((n_samples, len(self.outputs)), np.nan)
         x = np.full((n_samples, len(self.states)), np.nan)
@@ -179,6 +180,7 @@ class Simulator(ABC):
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
                 driven,
+                tilt,
                 windows.first,
                 windows.last,
                 windows.fresh,
@@ -339,7 +341,18 @@ def _slots(forces, n_inputs: int, n_states: int):
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
     """Return signals with the effects at ports of one kind applied, session by session."""
-    out = signals
+    return _applied(signals, kind, effects, strength, driven, dt, windows, is_held=False)[0]
+
+
+def _applied(
+    signals, kind, effects, strength, driven, dt, windows: Windows, is_held: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return signals with effects applied, and by how much they then rise within each step, if they do.
+
+    What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
+    signals are means over the steps, and the rise is that of the straight line of least squares.
+    """
+    out, tilt = signals, np.empty((0, signals.shape[1]))
     for placed, scale in zip(effects, strength, strict=True):
         if placed.port.kind != kind:
             continue
@@ -350,11 +363,17 @@ def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows)
         # an effect has acted since the session began, also where no window is and its memory waits
         keep, begin = _since_the_sessions_began(windows)
         inside = column[keep]
-        changed = placed.effect.transform(
-            inside, None if other is None else other[keep], dt, np.array(placed.theta), begin
-        )
+        theta = np.array(placed.theta)
+        if is_held and placed.effect.held is not None:
+            changed, rise = placed.effect.held(inside, dt, theta, begin)
+            tilt = tilt if len(tilt) else np.zeros_like(signals)
+            tilt[keep, placed.port.index] += scale * rise
+        else:
+            changed = placed.effect.transform(
+                inside, None if other is None else other[keep], dt, theta, begin
+            )
         out[keep, placed.port.index] = inside + scale * (changed - inside)
-    return out
+    return out, tilt
 
 
 def _covered(windows: Windows, n_samples: int) -> np.ndarray:

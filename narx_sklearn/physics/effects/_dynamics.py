@@ -16,6 +16,7 @@ from narx_sklearn.physics.effects._starts import (
 )
 
 BAND = np.geomspace(0.3, 6.0, 17)  # frequencies of modes that may have been left out, of the signal's own
+SMALL = 1e-2  # share of a lag's time that a step takes, below which its moments are summed as series
 LIGHT = 0.1  # damping ratio from which modes are tried: half as wide as BAND is spaced
 
 
@@ -29,6 +30,14 @@ def _delay_transform(signal, second, dt, theta, first):
         if good.size:
             out[a + good] = np.interp(time[a + good] - theta[0], time[a + good], signal[a + good])
     return out
+
+
+def _delay_held(signal, dt, theta, first):
+    """Hold what came last until a fraction f of the step has passed."""
+    f = theta[0] / dt % 1.0
+    whole = np.array([theta[0] - f * dt])
+    last, one_before = (_delay_transform(signal, None, dt, late, first) for late in (whole, whole + dt))
+    return last + f * (one_before - last), 6.0 * f * (1.0 - f) * (last - one_before)
 
 
 def _times(setting: Setting, shares) -> np.ndarray:
@@ -57,6 +66,17 @@ def _lag_run(values, decay, new):
 def _lag_transform(signal, second, dt, theta, first):
     ratio = dt / max(theta[0], 1e-12 * dt)
     return by_pieces(_lag_run, signal, first, np.exp(-ratio), 1.0 + np.expm1(-ratio) / ratio)
+
+
+def _lag_held(signal, dt, theta, first):
+    """Follow each value of a held signal exponentially; at rest on the first."""
+    ratio = dt / max(theta[0], 1e-12 * dt)
+    behind = by_pieces(_lag_run, signal, first, np.exp(-ratio), 0.0) - signal
+    mean = -np.expm1(-ratio) / ratio
+    # first moment of the decay about the middle of the step, as a series where it would cancel
+    series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))
+    moment = series if ratio < SMALL else (mean - np.exp(-ratio)) / ratio - 0.5 * mean
+    return signal + mean * behind, 12.0 * moment * behind
 
 
 def _lag_starts(setting: Setting) -> np.ndarray:
@@ -134,6 +154,7 @@ DYNAMICS = (
         parameters=(EffectParameter("T", "s", 0.0),),
         starts=_delay_starts,
         transform=_delay_transform,
+        held=_delay_held,
         amplitude=None,
         lookalikes=("lag", "backlash", "rate_limit"),
         separate_by="a wideband signal: the phase falls in proportion to frequency",
@@ -148,6 +169,7 @@ DYNAMICS = (
         parameters=(EffectParameter("T", "s", 0.0),),
         starts=_lag_starts,
         transform=_lag_transform,
+        held=_lag_held,
         amplitude=None,
         lookalikes=("delay", "rate_limit", "extra_mode", "creep"),
         separate_by="a wideband signal: the gain rolls off",

@@ -72,6 +72,10 @@ class Effect:
     transform : callable, optional
         For an input or output port: ``transform(signal, second, dt, theta, first) -> ndarray``, the whole
         signal at once; ``first`` holds the indices where it begins anew.
+    held : callable, optional
+        The same for an input that is held from sample to sample, where it then changes between samples:
+        ``held(signal, dt, theta, first) -> (mean, rise)``, its mean over each step, and by how much the
+        straight line closest to it rises.
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
@@ -129,6 +133,7 @@ class Effect:
     starts: Callable[[Setting], np.ndarray]
     force: Any = None
     transform: Any = None
+    held: Any = None
     input_port: bool = True
     output_port: bool = True
     argument: str = "own"

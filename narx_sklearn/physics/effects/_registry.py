@@ -182,7 +182,7 @@ def _check_fields(effect: Effect) -> None:
         )
     if not effect.ports:
         refuse("it can act nowhere: input_port and output_port are both off and there is no force.")
-    for name in ("force", "transform", "phi"):
+    for name in ("force", "transform", "held", "phi"):
         if getattr(effect, name) is not None and not callable(getattr(effect, name)):
             refuse(f"{name} must be callable, got {type(getattr(effect, name)).__name__}.")
     if not callable(effect.starts):
@@ -231,20 +231,28 @@ def _check_trial(effect: Effect) -> None:
     if effect.force is not None:
         _try_force(effect, theta)
     if effect.transform is not None:
-        setting = trial_setting()
-        signal = setting.argument.copy()
-        changed = _tried(
-            effect,
-            "transform",
-            lambda: effect.transform(signal, setting.second, TRIAL_STEP, theta.copy(), setting.first),
-        )
+        _try_on_signal(effect, "transform", lambda changed: (changed,), theta)
+    if effect.held is not None:
+        _try_on_signal(effect, "held", tuple, theta)
+
+
+def _try_on_signal(effect: Effect, name: str, parts, theta: np.ndarray) -> None:
+    setting = trial_setting()
+    signal = setting.argument.copy()
+    second = (setting.second,) if name == "transform" else ()
+    found = _tried(
+        effect,
+        name,
+        lambda: parts(getattr(effect, name)(signal, *second, TRIAL_STEP, theta.copy(), setting.first)),
+    )
+    for changed in found:
         if np.shape(changed) != signal.shape or not np.all(np.isfinite(changed)):
             raise ValueError(
-                f"Effect {effect.code!r}: transform returned shape {np.shape(changed)} for {signal.size} "
+                f"Effect {effect.code!r}: {name} returned shape {np.shape(changed)} for {signal.size} "
                 "finite samples; wanted is one finite value a sample."
             )
-        if not np.array_equal(signal, setting.argument):
-            raise ValueError(f"Effect {effect.code!r}: transform changed its signal; return a new array.")
+    if not np.array_equal(signal, setting.argument):
+        raise ValueError(f"Effect {effect.code!r}: {name} changed its signal; return a new array.")
 
 
 def _try_force(effect: Effect, theta: np.ndarray) -> None:
