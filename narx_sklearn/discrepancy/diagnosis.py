@@ -27,7 +27,7 @@ from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes, special_cases
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
-from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
@@ -270,15 +270,33 @@ def _coloured_search(
         refitted = fit(problem, refitted.model)
         steps = _searched(problem, refitted, structure, settings, True, known)
     for _ in range(LOOKS):
-        explained = _explained(refitted, steps, settings.alpha)
-        noise = clearer_noise(problem, explained) if explained else None
-        if noise is None:
+        again = _under_clearer_noise(problem, refitted, steps, structure, settings)
+        if again is None:
             break
-        settings.tell("search again, under the noise that the best explanation leaves")
-        known = sorted((c for c in _pool(steps) if len(c.effects) == 1), key=lambda c: c.criterion)
-        problem = problem.with_noise(noise)
-        refitted = fit(problem, refitted.model)
-        steps = _searched(problem, refitted, structure, settings, True, known)
+        problem, refitted, steps = again
+    return problem, refitted, steps
+
+
+def _under_clearer_noise(
+    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
+) -> tuple[Problem, Fit, list[Step]] | None:
+    """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
+
+    What was found before takes part again.
+    """
+    before = _explained(refitted, steps, settings.alpha)
+    noise = clearer_noise(problem, [c.fit.model for c in before]) if before else None
+    if noise is None:
+        return None
+    settings.tell("search again, under the noise that the best explanation leaves")
+    known = [c for c in _pool(steps) if len(c.effects) == 1]
+    problem = problem.with_noise(noise)
+    refitted = fit(problem, refitted.model)
+    steps = _searched(problem, refitted, structure, settings, True, known)
+    if steps[0].detection.p_value > settings.alpha:
+        return None
+    sets = [c for c in before if len(c.effects) > 1]
+    steps[-1].candidates.extend(_converged(problem, c) for c in sets)
     return problem, refitted, steps
 
 
@@ -287,14 +305,13 @@ def _pool(steps: list[Step]) -> list[Candidate]:
     return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
 
 
-def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Model]:
+def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Candidate]:
     """Return the best explanation of a search and the best single effects; none where nothing is missing."""
     pool = _pool(steps)
     if not pool or steps[0].detection.p_value > alpha:
         return []
     best = likeliest(pool, refitted.cost)
-    singles = [c for c in pool if len(c.effects) == 1 and c is not best]
-    return [c.fit.model for c in (best, *singles[:RIVALS])]
+    return [best, *[c for c in pool if len(c.effects) == 1 and c is not best][:RIVALS]]
 
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:

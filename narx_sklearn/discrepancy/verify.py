@@ -170,20 +170,32 @@ def gained(
     windows = cut(pieces, length, 4 * (int(problem.simulator.free_states.sum()) + 1))
     if not windows.count:
         return np.empty(0)
+    starts: list[np.ndarray] = []
     costs = []
     for simulator, guess in zip((before, after), guesses, strict=True):
         known = simulator.known_states(problem.u, problem.y, windows.first)
-        x0 = np.where(np.isfinite(known), known, guess)
-        led, x0, leads = lead.before(windows, x0)
-        y = problem.y.copy()
-        for a, b in zip(led.first[leads], led.last[leads], strict=True):
-            y[a:b] = np.nan
-        found = fit_initial_states(Problem(simulator, problem.u, y, led, problem.noise), x0)
-        left = found.residual[~leads]
-        costs.append(left**2 if np.isfinite(found.cost) else np.full_like(left, np.inf))
+        # where friction holds, a fit stays near its start: that of the one is tried with the other too
+        starts.append(np.where(np.isfinite(known), known, guess))
+        found = [_initial_states_fitted(problem, simulator, windows, x0, lead) for x0 in starts]
+        best = np.argmin([np.sum(left**2, axis=1) for _, left in found], axis=0)
+        costs.append(np.choose(best[:, None], [left**2 for _, left in found]))
+        starts = [x0 for x0, _ in found]
     with np.errstate(invalid="ignore"):
         less = (costs[0] - costs[1]).ravel()
     return np.array([block.sum() for block in np.array_split(less, BLOCKS)])
+
+
+def _initial_states_fitted(
+    problem: Problem, simulator: Simulator, windows: Windows, x0: np.ndarray, lead: Lead
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fitted initial states of windows and what they leave, infinite where a run diverges."""
+    led, all_x0, leads = lead.before(windows, x0)
+    y = problem.y.copy()
+    for a, b in zip(led.first[leads], led.last[leads], strict=True):
+        y[a:b] = np.nan
+    found = fit_initial_states(Problem(simulator, problem.u, y, led, problem.noise), all_x0)
+    left = found.residual[~leads]
+    return found.model.x0[~leads], left if np.isfinite(found.cost) else np.full_like(left, np.inf)
 
 
 def score_table(
