@@ -290,11 +290,11 @@ class TestDetection:
         t = np.arange(2000)
         line = np.sin(0.3 * t)
         residual = (rng.normal(size=2000) + line).reshape(4, 500)
-        frequency, p = strongest_line(residual, 1)
+        frequency, p, _ = strongest_line(residual, 1)
         assert frequency == pytest.approx(0.3 / (2 * np.pi), rel=0.01)
         assert p < 1e-6
         driven = (line + 0.01 * rng.normal(size=2000)).reshape(4, 500, 1)
-        assert strongest_line(residual, 1, driven)[1] > 0.01
+        assert strongest_line(residual, 1, driven).p_value > 0.01
 
 
 class TestIntervals:

@@ -12,6 +12,7 @@ DRAWS = 4999
 BLOCK = 20  # whitened samples flipped together: what colour the autoregression leaves stays inside
 FEWEST_BLOCKS = 60
 NEIGHBOURS = 101  # ordinates of the periodogram that tell the level around a line
+FINER = 2  # times its own ordinates, that a periodogram is taken at
 SLOW = 8  # periods in the record, below which a line and a drift are one
 A_LINE = 12.0  # times its neighbours' level: a line of the input
 WIDER = 3.0  # price of the tests of lines and of scanned values beside the test over the bank
@@ -80,7 +81,7 @@ def detect(
     """
     noise, used = flexible_residual(bank, n_samples)
     noise = noise * np.sqrt(n_samples / max(n_samples - n_fitted - used, 1))
-    frequency, p_line = strongest_line(bank.residual, n_outputs, u)
+    frequency, p_line, _ = strongest_line(bank.residual, n_outputs, u)
     use = bank.useful & allowed
     length = block_length(*_times(bank, n_outputs))
     p_scan = 1.0 if tried is None else _scanned(bank, tried, noise, n_outputs, n_samples, length)
@@ -138,30 +139,54 @@ def _times(bank: Bank, n_outputs: int) -> tuple[int, int]:
     return bank.residual.shape[0], bank.residual.shape[1] // n_outputs
 
 
-def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = None) -> tuple[float, float]:
-    """Return frequency (cycles a sample) and p-value of the strongest line in a whitened residual, (W, T).
+class Line(NamedTuple):
+    """A line in a spectrum."""
 
-    Each ordinate of the periodogram is compared with the median of its neighbours, so that a colour left by
-    the whitening is no line; the largest of n exponential ordinates gives the p-value (Fisher 1929).
+    frequency: float  # cycles a sample
+    p_value: float
+    output: int  # in whose residual it stands
+
+
+def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = None) -> Line:
+    """Return the strongest line in a whitened residual, (W, T), of any output.
+
+    The periodogram is taken twice as fine as its own ordinates, between which a line would lose up to six
+    tenths of its power. Each ordinate is compared with the median of its neighbours, so that a colour left
+    by the whitening is no line; the largest of n exponential ordinates gives the p-value (Fisher 1929), and
+    every ordinate and output pays.
     """
-    x = residual.reshape(residual.shape[0], -1, n_outputs)[:, :, 0].ravel()
-    n = x.size
-    power = np.abs(np.fft.rfft(x))[1 : (n - 1) // 2 + 1] ** 2
-    if power.size < 2 * NEIGHBOURS or not power.sum() > 0:
-        return 0.0, 1.0
-    ratio = _over_neighbours(power)
+    by_output = residual.reshape(residual.shape[0], -1, n_outputs)
+    n = FINER * by_output.shape[0] * by_output.shape[1]
+    if n // 2 < 2 * FINER * NEIGHBOURS:
+        return Line(0.0, 1.0, 0)
+    in_the_input = np.zeros(_ordinates(n), dtype=bool)
     columns = [] if u is None else [u[:, :, i].ravel() for i in range(u.shape[2])]
     for column in columns:
-        driving = np.abs(np.fft.rfft(column, n))[1 : (n - 1) // 2 + 1] ** 2
-        near = maximum_filter1d(_over_neighbours(driving), 5)
-        ratio = np.where(near > A_LINE, 0.0, ratio)
-    ratio[:SLOW] = 0.0
-    i = int(np.argmax(ratio))
-    p = -np.expm1(power.size * np.log1p(-np.exp(-min(ratio[i], 700.0))))
-    return float((i + 1) / n), float(min(1.0, WIDER * max(p, 1e-16)))
+        near = maximum_filter1d(_over_neighbours(_power(column, n)), FINER * 5)
+        in_the_input |= near > A_LINE
+    found = []
+    for output in range(n_outputs):
+        power = _power(by_output[:, :, output].ravel(), n)
+        if not power.sum() > 0:
+            continue
+        ratio = np.where(in_the_input, 0.0, _over_neighbours(power))
+        ratio[: FINER * SLOW] = 0.0
+        i = int(np.argmax(ratio))
+        p = -np.expm1(n_outputs * power.size * np.log1p(-np.exp(-min(ratio[i], 700.0))))
+        found.append(Line((i + 1) / n, float(min(1.0, WIDER * max(p, 1e-16))), output))
+    return min(found, key=lambda line: line.p_value, default=Line(0.0, 1.0, 0))
+
+
+def _ordinates(n: int) -> int:
+    return (n - 1) // 2
+
+
+def _power(signal: np.ndarray, n: int) -> np.ndarray:
+    """Return the periodogram at n-ths of a cycle a sample, without its first and last ordinate."""
+    return np.abs(np.fft.rfft(signal, n))[1 : _ordinates(n) + 1] ** 2
 
 
 def _over_neighbours(power: np.ndarray) -> np.ndarray:
     """Return the ordinates of a periodogram over their local level (their mean, told from the median)."""
-    level = median_filter(power, size=NEIGHBOURS, mode="reflect") / np.log(2)
+    level = median_filter(power, size=FINER * NEIGHBOURS, mode="reflect") / np.log(2)
     return power / np.maximum(level, 1e-300)

@@ -258,8 +258,8 @@ def _line(problem: Problem, e: np.ndarray) -> Sign:
     """Test for a line that stands alone; a resonance that something keeps moving is no line, but a hill."""
     driving = np.where(problem.inside[:, :, None], problem.u[problem.rows], 0.0)
     n_outputs = problem.y.shape[1]
-    frequency, p = strongest_line(e, n_outputs, driving)
-    signal = e[:, ::n_outputs].ravel()
+    frequency, p, output = strongest_line(e, n_outputs, driving)
+    signal = e[:, output::n_outputs].ravel()
     power = np.abs(np.fft.rfft(signal)) ** 2
     at = round(frequency * signal.size)
     beside = [at + sign * d for d in NEAR for sign in (-1, 1) if 0 < at + sign * d < power.size]
