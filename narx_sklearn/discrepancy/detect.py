@@ -25,7 +25,7 @@ class Detection(NamedTuple):
     p_value: float  # of the largest
     p_values: np.ndarray  # (n_columns,) adjusted for the maximum over the bank
     p_bank: float  # of the bank alone
-    p_line: float  # of the strongest line in the residual that the input has not
+    p_line: float  # of the strongest line in the residual
     line_frequency: float  # of that line, cycles a sample
     p_scan: float  # of the best of the values that were scanned for
 
@@ -50,7 +50,6 @@ def detect(
     n_outputs: int,
     n_samples: int,
     n_fitted: int,
-    u: np.ndarray | None = None,
     tried: np.ndarray | None = None,
     draws: int = DRAWS,
     random_state=None,
@@ -73,15 +72,13 @@ def detect(
         Columns that take part.
     n_fitted : int
         Parameters and initial states fitted, for the degrees of freedom.
-    u : ndarray of shape (W, L, n_inputs), optional
-        Inputs in the windows: a line that the input has is no disturbance.
     tried : ndarray of shape (n_columns,), optional
         Of how many values a column is the best; 0 where it was not scanned for. Such columns are not
         ``allowed``, but tested on their own.
     """
     noise, used = flexible_residual(bank, n_samples)
     noise = noise * np.sqrt(n_samples / max(n_samples - n_fitted - used, 1))
-    frequency, p_line, _ = strongest_line(bank.residual, n_outputs, u)
+    frequency, p_line, _ = strongest_line(bank.residual, n_outputs)
     use = bank.useful & allowed
     length = block_length(*_times(bank, n_outputs))
     p_scan = 1.0 if tried is None else _scanned(bank, tried, noise, n_outputs, n_samples, length)

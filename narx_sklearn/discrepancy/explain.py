@@ -327,18 +327,12 @@ def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=No
     return detect(
         bank,
         blind & allowed,
-        u=_driving(problem),
         tried=np.array([hypothesis.tried[s] * hypothesis.asked for hypothesis, s in pairs]),
         n_outputs=problem.y.shape[1],
         n_samples=problem.n_seen,
         n_fitted=base.model.q.size + problem.n_initial,
         random_state=random_state,
     )
-
-
-def _driving(problem: Problem) -> np.ndarray:
-    """Return the inputs in the windows, (W, L, n_inputs), zero where padded."""
-    return np.where(problem.inside[:, :, None], problem.u[problem.rows], 0.0)
 
 
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
