@@ -1,45 +1,41 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, clearer_noise, deviance
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.bank import make_bank
+from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
+from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance
 from narx_sklearn.discrepancy.explain import (
     FINE,
     ODD,
     Candidate,
     Step,
     gains,
-    leaders,
     odd,
     probe,
     ranked,
     refit_leaders,
-    search,
 )
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes, special_cases
-from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
-from narx_sklearn.physics.effects import CATALOGUE
 
 UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
 UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
-MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
@@ -49,8 +45,6 @@ FORM = 0.05  # share of what an effect explains that its idealised form may leav
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
-LOOKS = 2  # under a clearer noise, at most
-RIVALS = 3  # single effects whose own noise is looked at beside that of the best explanation
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
 
 
@@ -77,20 +71,6 @@ class Diagnosis:
     def base_run(self) -> Run:
         """Run of the refitted simulator over the windows."""
         return self.problem.run(self.refitted.model)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What a diagnosis is asked to do."""
-
-    effects: tuple
-    alpha: float
-    max_effects: int
-    n_leaders: int
-    window: int | None
-    random_state: Any
-    n_jobs: int | None
-    tell: Callable[[str], None]
 
 
 def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
@@ -134,9 +114,9 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     refitted = fit(problem, refitted.model, iterations=2)
     steps: list[Step] = []
     if np.any(_left_over(problem, refitted.residual) > rounding):
-        problem, refitted, steps = _coloured_search(problem, refitted, structure, settings)
+        problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
     p_missing = steps[0].detection.p_value if steps else 1.0
-    pool = _pool(steps)
+    pool = pool_of(steps)
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
@@ -150,12 +130,12 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         if len(best.effects) > 1:
             pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
             best = likeliest(pool, refitted.cost)
-        best = ranked(problem, _converged(problem, best))
+        best = ranked(problem, converged(problem, best))
         found = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
         if found.verdict == "unknown" and len(best.effects) > 1 and singles:
             # what goes with it has no name; the effect that explains most may have one
-            single = _converged(problem, likeliest(singles, refitted.cost))
+            single = converged(problem, likeliest(singles, refitted.cost))
             alone = _judged(problem, refitted, single, pool, steps, structure, settings)
             found = alone if alone.verdict != "unknown" else found
         verdict, best, alternatives, unnamed = found
@@ -244,105 +224,6 @@ def _check_finite(problem: Problem, refitted: Fit) -> None:
     )
 
 
-def _coloured_search(
-    problem: Problem, refitted: Fit, structure: Structure, settings: Settings
-) -> tuple[Problem, Fit, list[Step]]:
-    """Return the problem under noise of its own colour, its fit, and the steps of the search."""
-    settings.tell("colour of the noise")
-    bank = make_bank(problem, refitted, _hypotheses(problem, refitted, structure, settings), settings.n_jobs)
-    residual = flexible_residual(bank, problem.n_seen)[0].reshape(problem.seen.shape) * problem.noise.sigma
-    bank = bank.without_columns()
-    known = _leading(problem, refitted, bank, settings)
-    dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
-    if dominated:
-        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
-        residual = problem.left_over(known[0].fit.model)
-    problem = problem.with_noise(estimate_noise(residual, problem.seen))
-    refitted = fit(problem, refitted.model)
-    settings.tell("search for missing physics")
-    steps = _searched(problem, refitted, structure, settings, dominated, known)
-    known = [c for step in steps for c in step.candidates if len(c.effects) == 1]
-    known.sort(key=lambda c: c.criterion)
-    if not dominated and known and known[0].fit.cost < MOSTLY * refitted.cost:
-        # so much of the residual was structure that the noise could not be seen under it: look again
-        settings.tell("search again, under the noise that the first effect leaves")
-        problem = problem.with_noise(estimate_noise(problem.left_over(known[0].fit.model), problem.seen))
-        refitted = fit(problem, refitted.model)
-        steps = _searched(problem, refitted, structure, settings, True, known)
-    for _ in range(LOOKS):
-        again = _under_clearer_noise(problem, refitted, steps, structure, settings)
-        if again is None:
-            break
-        problem, refitted, steps = again
-    return problem, refitted, steps
-
-
-def _under_clearer_noise(
-    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
-) -> tuple[Problem, Fit, list[Step]] | None:
-    """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
-
-    What was found before takes part again.
-    """
-    before = _explained(refitted, steps, settings.alpha)
-    noise = clearer_noise(problem, [c.fit.model for c in before]) if before else None
-    if noise is None:
-        return None
-    settings.tell("search again, under the noise that the best explanation leaves")
-    known = [c for c in _pool(steps) if len(c.effects) == 1]
-    problem = problem.with_noise(noise)
-    refitted = fit(problem, refitted.model)
-    steps = _searched(problem, refitted, structure, settings, True, known)
-    if steps[0].detection.p_value > settings.alpha:
-        return None
-    sets = [c for c in before if len(c.effects) > 1]
-    steps[-1].candidates.extend(_converged(problem, c) for c in sets)
-    return problem, refitted, steps
-
-
-def _pool(steps: list[Step]) -> list[Candidate]:
-    """Return all that was fitted in a search, best first."""
-    return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
-
-
-def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Candidate]:
-    """Return the best explanation of a search and the best single effects; none where nothing is missing."""
-    pool = _pool(steps)
-    if not pool or steps[0].detection.p_value > alpha:
-        return []
-    best = likeliest(pool, refitted.cost)
-    return [best, *[c for c in pool if len(c.effects) == 1 and c is not best][:RIVALS]]
-
-
-def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
-    """Return the best single effects under white noise, the first of them fully fitted."""
-    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0, 0.0)
-    placed = leaders(bank, settings.n_leaders, certain, 1.0)
-    return refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
-
-
-def _searched(
-    problem: Problem,
-    refitted: Fit,
-    structure: Structure,
-    settings: Settings,
-    dominated: bool,
-    known: list[Candidate],
-) -> list[Step]:
-    return search(
-        problem,
-        refitted,
-        lambda found: _hypotheses(problem, found, structure, settings),
-        alpha=settings.alpha,
-        max_effects=settings.max_effects,
-        n_leaders=settings.n_leaders,
-        random_state=settings.random_state,
-        n_jobs=settings.n_jobs,
-        dominated=dominated,
-        known=known,
-    )
-
-
 def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem, Fit]:
     """Return the problem over longer windows and its fit, where the run still follows the recording there.
 
@@ -368,21 +249,11 @@ def _left_over(problem: Problem, residual: np.ndarray) -> np.ndarray:
     return np.maximum(sigma, 1e-12 * np.maximum(problem.noise.sigma, 1e-300))
 
 
-def _hypotheses(problem: Problem, found: Fit, structure: Structure, settings: Settings):
-    unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
-    run = problem.run(found.model)
-    return enumerate_hypotheses(settings.effects, problem, found.model, run, structure, unasked)
-
-
 def _curves(problem: Problem, found: Fit, structure: Structure) -> list[Hypothesis]:
     """Return the unnamed curves at every port, knots where a fitted model's run goes."""
     run = problem.run(found.model)
     rows = problem.rows[problem.inside]
     return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
-
-
-def _converged(problem: Problem, candidate: Candidate) -> Candidate:
-    return Candidate(fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7), candidate.n_samples)
 
 
 def _alternatives(
@@ -413,7 +284,7 @@ def _alternatives(
         # the same effect at another place is a question of where, not of what
         rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
         # what the catalogue warns of is fitted to the end before it is judged
-        rivals = [_converged(problem, c) if declared_rival(best, c) else c for c in rivals]
+        rivals = [converged(problem, c) if declared_rival(best, c) else c for c in rivals]
         rivals.sort(key=lambda c: c.criterion)
         found.append(tuple(look_alikes(problem, best, rivals, tolerated, starts)[1:]))
     return tuple(found)
@@ -458,7 +329,7 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     """
     curves = _curves(problem, best.fit, structure)
     taken = {effect.place for effect in best.effects}
-    named = [h for h in _hypotheses(problem, best.fit, structure, settings) if h.placed.place not in taken]
+    named = [h for h in hypotheses_of(problem, best.fit, structure, settings) if h.placed.place not in taken]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain

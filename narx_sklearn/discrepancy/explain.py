@@ -84,7 +84,7 @@ def odd(candidate: Candidate) -> bool:
 
 
 class Step(NamedTuple):
-    """One depth of the search: the test before it, and the candidates that came of it, best first."""
+    """One depth of the search: the test before it, and the candidates that came of it."""
 
     detection: Detection
     bank: Bank

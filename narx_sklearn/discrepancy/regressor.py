@@ -20,7 +20,7 @@ from narx_sklearn._validation import (
 )
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
-from narx_sklearn.discrepancy.diagnosis import Diagnosis, Settings, diagnose
+from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.verify import (

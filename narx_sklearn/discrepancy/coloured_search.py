@@ -1,0 +1,124 @@
+"""The search for what is missing, under noise whose colour is estimated from what the search leaves."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
+from narx_sklearn.discrepancy.confirm import clearer_noise
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.explain import FINE, Candidate, Step, leaders, refit_leaders, search
+from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.lookalikes import likeliest
+from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.structure import Structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+LOOKS = 2  # under a clearer noise, at most
+RIVALS = 3  # single effects whose own noise is looked at beside that of the best explanation
+
+
+def coloured_search(
+    problem: Problem, refitted: Fit, structure: Structure, settings: Settings
+) -> tuple[Problem, Fit, list[Step]]:
+    """Return the problem under noise of its own colour, its fit, and the steps of the search."""
+    settings.tell("colour of the noise")
+    hypotheses = hypotheses_of(problem, refitted, structure, settings)
+    bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
+    residual = flexible_residual(bank, problem.n_seen)[0].reshape(problem.seen.shape) * problem.noise.sigma
+    bank = bank.without_columns()
+    known = _leading(problem, refitted, bank, settings)
+    dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
+    if dominated:
+        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
+        residual = problem.left_over(known[0].fit.model)
+    problem = problem.with_noise(estimate_noise(residual, problem.seen))
+    refitted = fit(problem, refitted.model)
+    settings.tell("search for missing physics")
+    steps = _searched(problem, refitted, structure, settings, dominated, known)
+    for _ in range(LOOKS):
+        again = _under_clearer_noise(problem, refitted, steps, structure, settings)
+        if again is None:
+            break
+        problem, refitted, steps = again
+    return problem, refitted, steps
+
+
+def _under_clearer_noise(
+    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
+) -> tuple[Problem, Fit, list[Step]] | None:
+    """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
+
+    What was found before takes part again.
+    """
+    before = _explained(refitted, steps, settings.alpha)
+    noise = clearer_noise(problem, [c.fit.model for c in before]) if before else None
+    if noise is None:
+        return None
+    settings.tell("search again, under the noise that the best explanation leaves")
+    known = [c for c in pool_of(steps) if len(c.effects) == 1]
+    problem = problem.with_noise(noise)
+    refitted = fit(problem, refitted.model)
+    steps = _searched(problem, refitted, structure, settings, True, known)
+    if steps[0].detection.p_value > settings.alpha:
+        return None
+    sets = [c for c in before if len(c.effects) > 1]
+    steps[-1].candidates.extend(converged(problem, c) for c in sets)
+    return problem, refitted, steps
+
+
+def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Candidate]:
+    """Return the best explanation of a search and the best single effects; none where nothing is missing."""
+    pool = pool_of(steps)
+    if not pool or steps[0].detection.p_value > alpha:
+        return []
+    best = likeliest(pool, refitted.cost)
+    return [best, *[c for c in pool if len(c.effects) == 1 and c is not best][:RIVALS]]
+
+
+def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
+    """Return the best single effects under white noise, the first of them fully fitted."""
+    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0, 0.0)
+    placed = leaders(bank, settings.n_leaders, certain, 1.0)
+    return refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
+
+
+def _searched(
+    problem: Problem,
+    refitted: Fit,
+    structure: Structure,
+    settings: Settings,
+    dominated: bool,
+    known: list[Candidate],
+) -> list[Step]:
+    return search(
+        problem,
+        refitted,
+        lambda found: hypotheses_of(problem, found, structure, settings),
+        alpha=settings.alpha,
+        max_effects=settings.max_effects,
+        n_leaders=settings.n_leaders,
+        random_state=settings.random_state,
+        n_jobs=settings.n_jobs,
+        dominated=dominated,
+        known=known,
+    )
+
+
+def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: Settings) -> list[Hypothesis]:
+    """Return all that may be missing beside a fitted model, at every place where it may act."""
+    unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
+    run = problem.run(found.model)
+    return enumerate_hypotheses(settings.effects, problem, found.model, run, structure, unasked)
+
+
+def converged(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return a set of effects fitted to the end."""
+    return Candidate(fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7), candidate.n_samples)
+
+
+def pool_of(steps: list[Step]) -> list[Candidate]:
+    """Return all that was fitted in a search, best first."""
+    return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
