@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
@@ -32,6 +32,11 @@ def axis(x, u, p):
 
 def circuit(x, u, p):
     return p[0] * x[1], p[1] * (u[0] - x[0]) - p[2] * x[1]
+
+
+def two_masses(x, u, p):
+    twist = p[2] * (x[0] - x[2])
+    return x[1], p[0] * u[0] - p[1] * x[1] - twist, x[3], twist - p[1] * x[3]
 
 
 def tank(x, u, p):
@@ -378,6 +383,31 @@ class TestLatePieces:
         np.testing.assert_allclose(late.y, whole.y[600:], atol=1e-6 * np.ptp(whole.y))
         without = free_run(simulator, u, whole.y, slice(600, 1000), 0, 100, np.zeros(2))
         assert np.max(np.abs(without.y - whole.y[600:])) > 0.01 * np.ptp(whole.y)
+
+    @pytest.mark.parametrize("seed", [1, 3])
+    def test_a_poor_guess_of_what_nobody_measured_is_not_held_against_a_simulator(self, seed):
+        rng = np.random.default_rng(seed)
+        drive = ODESimulator(
+            two_masses,
+            dt=0.02,
+            parameters={"gain": 1.0, "damping": 0.5, "stiffness": 40.0},
+            states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
+            inputs=["torque [V]"],
+            outputs=["motor [rad]"],
+        )
+        rubs = PlacedEffect(
+            CATALOGUE["coulomb_friction"], Port("state", 3), (0.0, 0.0, 0.0, 1.0), theta=(0.8,)
+        )
+        true = drive.with_effects([rubs])
+        u = levels(rng, 1600)
+        y = true.simulate(u) + 0.002 * rng.normal(size=(1600, 1))
+        windows = cut([(slice(0, 800), 0)], 400, 12)
+        problem = Problem(drive, u, y, windows, Noise.white(np.array([0.002])))
+        x = true.run(u, Windows.whole([slice(0, 1600)]), np.zeros((1, 4))).x
+        held_out, lead = [(slice(800, 1600), 0)], Lead(windows, x[windows.first])
+        poor = 2 * rng.normal(size=4)
+        less = verify.gained(problem, true, true, held_out, (x[[800, 1200]], poor), lead)
+        assert abs(less.sum()) < 5.0
 
     def test_the_state_under_a_coarse_sensor_is_found(self):
         coarse = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.05,))

@@ -293,6 +293,11 @@ class TestDetection:
         frequency, p, _ = strongest_line(residual, 1)
         assert frequency == pytest.approx(0.3 / (2 * np.pi), rel=0.01)
         assert p < 1e-6
+        between = np.sin(2 * np.pi * 200.5 / 2000 * t)  # halfway between two ordinates
+        two = np.stack([rng.normal(size=2000), rng.normal(size=2000) + 0.2 * between], axis=1)
+        frequency, p, output = strongest_line(two.reshape(4, 1000), 2)
+        assert (output, frequency) == (1, pytest.approx(0.10025, rel=0.002))
+        assert p < 1e-4
         driven = (line + 0.01 * rng.normal(size=2000)).reshape(4, 500, 1)
         assert strongest_line(residual, 1, driven).p_value > 0.01
 
