@@ -34,8 +34,7 @@ from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
-UNEXPLAINED = 0.25  # share of what could be explained that one named effect may leave to anything else
-UNEXPLAINED_BY_TWO = 0.15  # two effects together bend to almost anything, so they must leave less
+UNEXPLAINED = 0.1  # share of what could be explained that named effects may leave to anything else
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
@@ -130,7 +129,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         if len(best.effects) > 1:
             pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
             best = likeliest(pool, refitted.cost)
-        best = ranked(problem, converged(problem, best))
+        best = ranked(problem, converged(problem, best), pool)
         found = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
         if found.verdict == "unknown" and len(best.effects) > 1 and singles:
@@ -351,8 +350,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
     taken_off = refitted.cost - best.fit.cost
     p_left, rest = leftover
     several = len(best.effects) > 1
-    share = UNEXPLAINED_BY_TWO if several else UNEXPLAINED
-    if p_left <= (SUSPECT if several else alpha) and rest > share * (taken_off + rest):
+    if p_left <= (SUSPECT if several else alpha) and rest > UNEXPLAINED * (taken_off + rest):
         return "unknown"
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
@@ -360,6 +358,6 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
         if several:
             return "unknown"  # one curve does better than two names: they only stand in for it
         more = best.fit.cost - unnamed.fit.cost
-        if more > share * (refitted.cost - unnamed.fit.cost):
+        if more > UNEXPLAINED * (refitted.cost - unnamed.fit.cost):
             return "unknown"
     return "ambiguous" if any(alternatives) else "explained"

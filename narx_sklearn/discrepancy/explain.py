@@ -340,16 +340,19 @@ def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     return [_without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
 
 
-def ranked(problem: Problem, candidate: Candidate) -> Candidate:
+def ranked(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> Candidate:
     """Return the set with its members in order of what would be left unexplained without each, most first.
 
     Two of one name (a rim on either tank) stand in for each other, so they are left out together first.
+    What the others leave is the least of what a refit and the ``pool`` of candidates know.
     """
     if len(candidate.effects) < 2:
         return candidate
 
     def cost(left_out: list[PlacedEffect]) -> float:
-        return _without(problem, candidate, left_out).fit.cost
+        places = {effect.place for effect in candidate.effects} - {effect.place for effect in left_out}
+        known = [c.fit.cost for c in pool if {effect.place for effect in c.effects} == places]
+        return min([_without(problem, candidate, left_out).fit.cost, *known])
 
     namesakes: dict[str, list[PlacedEffect]] = {}
     for effect in candidate.effects:
