@@ -80,8 +80,10 @@ def special_cases(problem: Problem, best: Candidate, singles: list[Candidate]) -
     found = []
     for i, member in enumerate(best.effects):
         others = (*best.effects[:i], *best.effects[i + 1 :])
+        taken = {effect.place for effect in others}
         for single in (c.effects[0] for c in singles):
-            if single.effect.code in member.effect.holds and single.port == member.port:
+            is_special = single.effect.code in member.effect.holds and single.port == member.port
+            if is_special and single.place not in taken:
                 model = best.fit.model._replace(effects=(*others, single))
                 found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
