@@ -176,6 +176,35 @@ class TestSigns:
         assert sign.kind == "line"
         assert float(sign.words.split(" at ")[1].split()[0]) == pytest.approx(7.3, abs=0.03)
 
+    def two_sensors(self, rng, gusts):
+        u = levels(rng)
+        inside = lfilter([1.0], [1.0, -0.8], rng.normal(size=N))
+        both = simulator(pushed, TRUE, ("drive [V]", "hidden")).run(
+            np.column_stack([u, gusts * inside]), cut([(slice(0, N), 0)], N, 12), np.zeros((1, 2))
+        )
+        sensors = np.stack([coloured("ar1", rng), 3.0 * coloured("ar1", rng)], axis=1)
+        y = both.x + sensors
+        parameters = dict(zip(NAMES, TRUE, strict=True))
+        sim = ODESimulator(
+            stage, dt=DT, parameters=parameters, states=STATES, inputs=["drive [V]"], outputs=STATES
+        )
+        windows = cut([(slice(0, N), 0)], N // 4, 12)
+        problem = Problem(sim, u[:, None], y, windows, Noise.white(np.array([0.02, 0.06])))
+        found = fit(problem, Model(sim.nominal, (), np.zeros((windows.count, 2))))
+        structure = find_structure(sim, problem.run(found.model).x, u[:, None])
+        return look_at_remainder(problem, found.model, structure, random_state=0)
+
+    def test_what_moves_two_sensors_alike_acts_inside(self):
+        sign = min(self.two_sensors(np.random.default_rng(7), gusts=1.0).signs, key=lambda sign: sign.p_value)
+        assert sign.kind == "together"
+        assert sign.words.startswith("It goes together on position [m] and velocity [m/s]")
+
+    @pytest.mark.parametrize(("gusts", "seed"), [(0.0, 0), (0.05, 1)])
+    def test_noise_of_two_sensors_and_faint_gusts_are_no_sign(self, gusts, seed):
+        remainder = self.two_sensors(np.random.default_rng(seed), gusts)
+        assert {sign.kind: sign.p_value for sign in remainder.signs}["together"] > 0.05
+        assert remainder.p_value > LEVEL
+
     def test_a_stiffness_modulated_in_time_is_no_noise(self):
         rng = np.random.default_rng(6)
         u = levels(rng)

@@ -1,10 +1,11 @@
 """Is what is left over noise? What follows the motion, or comes in bursts, is none, whatever its colour."""
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.stats import rankdata
+from scipy.stats import norm, rankdata
 
 from narx_sklearn.discrepancy.acting import port_in_words
 from narx_sklearn.discrepancy.bank import INVISIBLE, directions, out_of
@@ -35,18 +36,21 @@ MOST_TOLD = 5
 MEDIAN = 0.6745  # of the size of a normal variate
 HILL = 2  # ordinates of a spectrum to either side that are of one level
 NEAR = range(2, 7)  # ordinates from a line: near enough for one level, far enough from its foot
+SHARED = 0.5  # of what is left on two outputs, below which it is a disturbance like any
+REACH = 20  # samples by which what is left on one output may come before that on another
 TO_TRY = {
     "follows": "an effect of your own that depends on it, or one more measured signal as an input",
     "size": "the same input at half and at twice the amplitude: what belongs to the machine changes with it",
     "bursts": "a look at those times, and a record of what else went on then (contacts, supply, blows)",
     "line": "a record with the input at rest: a line that stays comes from outside",
+    "together": "one more signal measured inside, and a record at rest: what comes from outside stays",
 }
 
 
 class Sign(NamedTuple):
     """One thing that noise does not do."""
 
-    kind: str  # "follows", "size", "bursts" or "line"
+    kind: str  # "follows", "size", "bursts", "line" or "together"
     words: str  # a sentence
     p_value: float
 
@@ -95,6 +99,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
             _size_follows(problem, found, scores, structure, rng),
             _in_bursts(problem, scores, e, rng),
             _line(problem, e),
+            _together(problem, found, e),
         )
     )
 
@@ -187,6 +192,61 @@ def spectral_spread(columns: np.ndarray, e: np.ndarray, n_outputs: int) -> np.nd
     return np.sqrt(variance)
 
 
+def _together(problem: Problem, found: Fit, e: np.ndarray) -> Sign:
+    """Test whether innovations on two outputs go together: noise of sensors does not, what acts inside does.
+
+    Correlated at any lag, by the larger of the spreads of the products and of their blocks. Every machine
+    has some disturbance; a sign is one that makes up most of what is left on both.
+    """
+    outputs = problem.simulator.outputs
+    n_outputs = len(outputs)
+    length = block_length(e.shape[0], e.shape[1] // n_outputs)
+    counted = np.where(_predicted(problem, found, e), e, 0.0).reshape(e.shape[0], -1, n_outputs)
+    left = problem.left_over(found.model)
+    fine = np.flatnonzero(~(measured_steps(problem.y) > problem.noise.sigma))
+    pairs = list(combinations(fine, 2))
+    largest, words = 0.0, ""
+    for i, j in pairs:
+        if _shared(left[:, :, i], left[:, :, j]) < SHARED:
+            continue
+        for one, other in ((i, j), (j, i)):
+            for lag in range(REACH + 1):
+                products = counted[:, : counted.shape[1] - lag, one] * counted[:, lag:, other]
+                blocks = blocks_of(products[:, :, None], 1, length)
+                spread = np.sqrt(max(np.sum(products**2), np.sum(blocks**2)))
+                if abs(products.sum()) > largest * spread:
+                    largest = abs(products.sum()) / spread
+                    words = (
+                        f"It goes together on {outputs[i]} and {outputs[j]}: it acts inside, on no sensor."
+                    )
+    n_tried = len(pairs) * (2 * REACH + 1)
+    return Sign("together", words, float(min(1.0, 2 * n_tried * norm.sf(largest))) if words else 1.0)
+
+
+def _shared(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the lesser share of the power of two signals, (W, L), that a filter makes of the other's."""
+    shares = []
+    for target, source in ((one, other), (other, one)):
+        inside = slice(REACH, target.shape[1] - REACH)
+        late = [source[:, REACH + k : source.shape[1] - REACH + k] for k in range(-REACH, REACH + 1)]
+        columns = np.stack([column.ravel() for column in late], axis=1)
+        wanted = target[:, inside].ravel()
+        rest = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+        shares.append(1.0 - np.sum(rest**2) / max(np.sum(wanted**2), 1e-300))
+    return float(min(shares))
+
+
+def _predicted(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
+    """Return the innovations that count, and that the fit has not pinned down."""
+    return problem.weighted.reshape(e.shape) & (_leverage(found, e) < PINNED)
+
+
+def _leverage(found: Fit, e: np.ndarray) -> np.ndarray:
+    own, basis = found.projector.basis, directions(found.jacobian)
+    leverage = np.einsum("wtk,wtk->wt", own, own)
+    return leverage + np.einsum("nk,nk->n", basis, basis).reshape(e.shape)
+
+
 def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
     """Return how large each innovation is among those of its output, (W, T): Savage scores of unit variance.
 
@@ -194,10 +254,7 @@ def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
     back to size, or left out (zero). So is an output of which a converter's steps hide the noise: what it
     rounds off is larger or smaller with every level.
     """
-    own, basis = found.projector.basis, directions(found.jacobian)
-    leverage = np.einsum("wtk,wtk->wt", own, own)
-    leverage += np.einsum("nk,nk->n", basis, basis).reshape(e.shape)
-    counts = problem.weighted.reshape(e.shape) & (leverage < PINNED)
+    leverage, counts = _leverage(found, e), _predicted(problem, found, e)
     size = np.abs(e) / np.sqrt(np.where(counts, 1 - leverage, 1.0))
     scores = np.zeros_like(e)
     n_outputs = problem.y.shape[1]
