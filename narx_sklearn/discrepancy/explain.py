@@ -225,8 +225,8 @@ def search(
     """Add effects one after another while the test finds something left; return the steps taken.
 
     The best few sets of each depth are carried on, since one effect can mask another, and every set found is
-    tried without each of its older members. Beside another effect, none is named at a place where one does
-    not meet it. ``known`` are single effects that were fitted before.
+    tried without each of its older members. Beside another effect, before or after it, none is named at a
+    place where one does not meet it. ``known`` are single effects that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -261,7 +261,9 @@ def search(
             pool.sort(key=lambda c: c.criterion)
         if not pool or pool[0].criterion >= beam[0].criterion:
             break
-        beam = pool[:BEAM]
+        beam = [c for c in pool if not odd(c)][:BEAM]
+        if not beam:
+            break
     return steps
 
 
