@@ -1,5 +1,7 @@
 """Settings of the whole test suite."""
 
+import os
+
 import pytest
 from hypothesis import settings
 from joblib import cpu_count
@@ -19,3 +21,4 @@ def pytest_cmdline_main(config):
     can_spread = config.pluginmanager.hasplugin("xdist") and not is_worker
     if is_whole and can_spread and config.option.numprocesses is None:
         config.option.numprocesses, config.option.dist = cpu_count(), "loadfile"
+        os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each worker: together they have all cores already

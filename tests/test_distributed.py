@@ -342,6 +342,7 @@ def test_ten_kills_at_ten_moments_change_no_bit(cluster_of_two):
 
 RESUMED = """
 import sys
+import time
 import numpy as np
 from narx_sklearn import NARXRegressor
 from narx_sklearn.identification import record
@@ -354,6 +355,13 @@ def fit(folder):
 
 if __name__ == "__main__":
     record.CHUNK_ROWS, record.GROUP_BLOCKS = 500, 1
+    write = np.savez
+
+    def write_slowly(*arguments, **arrays):
+        write(*arguments, **arrays)
+        time.sleep(0.05)  # so that a busy machine has the time to look on
+
+    np.savez = write_slowly
     fit(sys.argv[1])
 """
 
@@ -365,7 +373,7 @@ def test_a_killed_process_leaves_a_checkpoint_that_another_goes_on_from(tmp_path
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as victim:
         deadline = time.monotonic() + 60
         while not folder.exists() or len(list(folder.glob("*.npz"))) < 5:
-            assert time.monotonic() < deadline, "the fit wrote no checkpoint"
+            assert time.monotonic() < deadline and victim.poll() is None, "the fit wrote no checkpoint"
             time.sleep(0.002)
         victim.kill()
     left = {path: path.stat().st_mtime_ns for path in folder.glob("*.npz")}
