@@ -17,7 +17,6 @@ from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 LOOKS = 2  # under a clearer noise, at most
-RIVALS = 3  # single effects whose own noise is looked at beside that of the best explanation
 
 
 def coloured_search(
@@ -53,29 +52,23 @@ def _under_clearer_noise(
 
     What was found before takes part again.
     """
-    before = _explained(refitted, steps, settings.alpha)
-    noise = clearer_noise(problem, [c.fit.model for c in before]) if before else None
+    pool = pool_of(steps)
+    if not pool or steps[0].detection.p_value > settings.alpha:
+        return None
+    best = likeliest(pool, refitted.cost)
+    noise = clearer_noise(problem, best.fit.model)
     if noise is None:
         return None
     settings.tell("search again, under the noise that the best explanation leaves")
-    known = [c for c in pool_of(steps) if len(c.effects) == 1]
+    known = [c for c in pool if len(c.effects) == 1]
     problem = problem.with_noise(noise)
     refitted = fit(problem, refitted.model)
     steps = _searched(problem, refitted, structure, settings, True, known)
     if steps[0].detection.p_value > settings.alpha:
         return None
-    sets = [c for c in before if len(c.effects) > 1]
-    steps[-1].candidates.extend(converged(problem, c) for c in sets)
+    if len(best.effects) > 1:
+        steps[-1].candidates.append(converged(problem, best))
     return problem, refitted, steps
-
-
-def _explained(refitted: Fit, steps: list[Step], alpha: float) -> list[Candidate]:
-    """Return the best explanation of a search and the best single effects; none where nothing is missing."""
-    pool = pool_of(steps)
-    if not pool or steps[0].detection.p_value > alpha:
-        return []
-    best = likeliest(pool, refitted.cost)
-    return [best, *[c for c in pool if len(c.effects) == 1 and c is not best][:RIVALS]]
 
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:

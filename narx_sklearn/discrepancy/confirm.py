@@ -1,6 +1,5 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,16 +101,15 @@ def deviance_under(problem: Problem, model: Model, noise: Noise) -> tuple[float,
     return float(value + noise.log_determinant(problem.windows.count)), found.model
 
 
-def clearer_noise(problem: Problem, models: Sequence[Model]) -> Noise | None:
-    """Return the noise that one of some models leaves, if it is much likelier than the problem's own.
+def clearer_noise(problem: Problem, model: Model) -> Noise | None:
+    """Return the noise that a model leaves, if it is much likelier than the problem's own.
 
     Noise is first estimated from what tangents or a single effect leave. What they miss colours it, and
-    coloured noise then hides what it was coloured by. The first of the models is the best under the
-    problem's noise.
+    coloured noise then hides what it was coloured by.
     """
-    present, _ = deviance_under(problem, models[0], problem.noise)
-    clearest = min((own_noise(problem, model) for model in models), key=lambda own: own.deviance)
-    return clearest.noise if clearest.deviance < present - CLEARER else None
+    present, model = deviance_under(problem, model, problem.noise)
+    own = own_noise(problem, model)
+    return own.noise if own.deviance < present - CLEARER else None
 
 
 def _from_zero(problem: Problem, model: Model, may_drift: bool) -> float:
