@@ -441,15 +441,18 @@ class TestSlowAndLate:
         found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
         assert found.findings_[0].effect == "sensor_bias"
 
-    def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self):
+    @pytest.mark.parametrize("drift", [0.0, 0.004])
+    def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self, drift):
         n = 1500
         u = levels(np.random.default_rng(5), n)
         rng = np.random.default_rng(6)
         y = make_circuit().simulate(u) + 0.05 * rng.normal(size=(n, 1))
-        y += 0.004 * np.cumsum(rng.normal(size=(n, 1)), axis=0)
+        y += drift * np.cumsum(rng.normal(size=(n, 1)), axis=0)
         effects = ["additive_drift", "sensor_bias", "constant_load", "creep", "cubic_stiffness"]
         found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
         assert [f.effect for f in found.findings_] in ([], ["additive_drift"])
+        if not drift:
+            assert found.verdict_ in ("consistent", "refit")
 
 
 class TestUnnamedForces:

@@ -64,9 +64,7 @@ def deviance(problem: Problem, model: Model, noises: Noises = ANY) -> float:
     The price is that of Akaike (1974): a dearer one would leave a faint colour to the effect. Noise and
     model are fitted in turn, each to what the other leaves.
     """
-    if noises.from_zero:
-        return _from_zero(problem, model, noises.may_drift)
-    return own_noise(problem, model, noises.may_drift).deviance
+    return own_noise(problem, model, noises).deviance
 
 
 class OwnNoise(NamedTuple):
@@ -76,13 +74,15 @@ class OwnNoise(NamedTuple):
     deviance: float
 
 
-def own_noise(problem: Problem, model: Model, may_drift: bool = True) -> OwnNoise:
+def own_noise(problem: Problem, model: Model, noises: Noises = ANY) -> OwnNoise:
     """Fit the noise and a model in turn, each to what the other leaves."""
     best = OwnNoise(problem.noise, np.inf)
     for _ in range(ROUNDS):
         left = problem.left_over(model)
-        noise = estimate_noise(left, problem.seen, may_drift=may_drift, price=COLOUR)
+        noise = estimate_noise(left, problem.seen, may_drift=noises.may_drift, price=COLOUR)
         value, model = deviance_under(problem, model, noise)
+        if noises.from_zero:
+            value = _from_zero(problem, left, noises.may_drift)
         gained = best.deviance - value
         if value < best.deviance:
             best = OwnNoise(noise, value)
@@ -112,18 +112,10 @@ def clearer_noise(problem: Problem, model: Model) -> Noise | None:
     return own.noise if own.deviance < present - CLEARER else None
 
 
-def _from_zero(problem: Problem, model: Model, may_drift: bool) -> float:
-    """Return the deviance under noise that goes on from window to window and begins at zero."""
-    lowest, seen = np.inf, _joined(problem, problem.seen)
-    for _ in range(ROUNDS):
-        left = problem.left_over(model)
-        value = noise_deviance(_joined(problem, left), seen, may_drift=may_drift, price=COLOUR)
-        noise = estimate_noise(left, problem.seen, may_drift=may_drift, price=COLOUR)
-        gained, lowest = lowest - value, min(lowest, value)
-        model = fit(problem.with_noise(noise), model).model
-        if not gained > ENOUGH:
-            break
-    return lowest
+def _from_zero(problem: Problem, left: np.ndarray, may_drift: bool) -> float:
+    """Return the deviance of what is left under noise that goes on from window to window from zero."""
+    seen = _joined(problem, problem.seen)
+    return noise_deviance(_joined(problem, left), seen, may_drift=may_drift, price=COLOUR)
 
 
 def _joined(problem: Problem, values: np.ndarray) -> np.ndarray:

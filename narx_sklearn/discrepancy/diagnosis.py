@@ -272,8 +272,8 @@ def _alternatives(
             c
             for c in pool
             if len(c.effects) == len(best.effects)
-            and kept <= {e.place for e in c.effects}
-            and effect.place not in {e.place for e in c.effects}
+            and kept <= c.places
+            and effect.place not in c.places
         ]
         if others and not rivals:
             start = best.fit.model
@@ -327,8 +327,8 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     What one takes off pure noise is not counted.
     """
     curves = _curves(problem, best.fit, structure)
-    taken = {effect.place for effect in best.effects}
-    named = [h for h in hypotheses_of(problem, best.fit, structure, settings) if h.placed.place not in taken]
+    hypotheses = hypotheses_of(problem, best.fit, structure, settings)
+    named = [h for h in hypotheses if h.placed.place not in best.places]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain

@@ -47,6 +47,11 @@ class Candidate:
         """The effects, with their fitted parameters."""
         return self.fit.model.effects
 
+    @property
+    def places(self) -> set[tuple]:
+        """What the effects are and where they act."""
+        return {effect.place for effect in self.effects}
+
     @cached_property
     def n_parameters(self) -> int:
         """Number of global parameters that the data can feel.
@@ -233,11 +238,10 @@ def search(
     for _ in range(max_effects + 1):
         pool: list[Candidate] = []
         for rank, candidate in enumerate(beam):
-            taken = {effect.place for effect in candidate.effects}
             hypotheses = [
                 h._replace(asked=h.asked and not (h.placed.odd and candidate.effects))
                 for h in make_hypotheses(candidate.fit)
-                if h.placed.place not in taken
+                if h.placed.place not in candidate.places
             ]
             bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
             detection = probe(problem, candidate.fit, bank, random_state)
@@ -352,8 +356,8 @@ def ranked(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = (
         return candidate
 
     def cost(left_out: list[PlacedEffect]) -> float:
-        places = {effect.place for effect in candidate.effects} - {effect.place for effect in left_out}
-        known = [c.fit.cost for c in pool if {effect.place for effect in c.effects} == places]
+        places = candidate.places - {effect.place for effect in left_out}
+        known = [c.fit.cost for c in pool if c.places == places]
         return min([_without(problem, candidate, left_out).fit.cost, *known])
 
     namesakes: dict[str, list[PlacedEffect]] = {}

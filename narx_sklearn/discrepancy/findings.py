@@ -115,8 +115,7 @@ def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
 
 def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
     """Return the effects of a candidate that the best has not."""
-    places = {effect.place for effect in best.effects}
-    return [e for e in candidate.effects if e.place not in places]
+    return [e for e in candidate.effects if e.place not in best.places]
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

@@ -26,9 +26,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
 
     Where the best holds another as a special case, hardly worse, that one is enough; so it is where the best
     needs more parameters and adds next to nothing to what it explains, since forms are idealised and strong
-    effects show it. Else
-    natural is an effect made for the unit of its argument (gravity for an angle), if the data tell its
-    parameters apart (gravity at one angle is a constant load), then fewer parameters.
+    effects show it. Else natural is an effect made for the unit of its argument (gravity for an angle), if
+    the data tell its parameters apart (gravity at one angle is a constant load), then fewer parameters.
 
     Parameters
     ----------
@@ -43,8 +42,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
             return c.criterion <= best.criterion + ALIKE
         added = c.fit.cost - best.fit.cost
         is_simpler = c.fit.model.q.size < best.fit.model.q.size
-        common = _places(c) & _places(best)
-        before = min((o.fit.cost for o in candidates if _places(o) == common), default=fewer)
+        common = c.places & best.places
+        before = min((o.fit.cost for o in candidates if o.places == common), default=fewer)
         is_enough = is_simpler and added <= REFINES * (before - c.fit.cost)
         return c.criterion <= best.criterion + HARDLY or is_enough
 
@@ -89,13 +88,9 @@ def special_cases(problem: Problem, best: Candidate, singles: list[Candidate]) -
     return found
 
 
-def _places(candidate: Candidate) -> set:
-    return {effect.place for effect in candidate.effects}
-
-
 def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
     """Return what stands in another's place, if the catalogue calls it a look-alike of what stood there."""
-    places = _places(best) & _places(other)
+    places = best.places & other.places
     mine = [e for e in best.effects if e.place not in places]
     theirs = [e for e in other.effects if e.place not in places]
     alike = len(mine) == len(theirs) == 1 and theirs[0].effect.code in mine[0].effect.lookalikes

@@ -79,8 +79,9 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     """Test whether what a model leaves over can be noise of any stationary colour.
 
     Noise of whatever colour, made white, (A) follows no function of the motion acting at any port, (B) is as
-    large wherever the machine is, (C) comes in no bursts, and (D) holds no line. The colour is first fitted
-    to the residual itself, so that all that a colour can explain, it explains.
+    large wherever the machine is, (C) comes in no bursts, (D) holds no line, and (E) comes to every output
+    on its own. The colour is first fitted to the residual itself, so that all that a colour can explain, it
+    explains.
     """
     for _ in range(ROUNDS):
         problem = problem.with_noise(estimate_noise(problem.left_over(model), problem.seen))
@@ -92,14 +93,15 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     slow = found.projector(np.stack([problem.whiten(drift) for drift in _drifts(problem)], axis=2))
     found = found._replace(jacobian=np.concatenate([found.jacobian, slow], axis=2))
     e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
-    scores = _scores(problem, found, e)
+    leverage = _leverage(found, e)
+    scores = _scores(problem, leverage, e)
     return Remainder(
         (
             _follows(problem, found, e, structure, rng),
             _size_follows(problem, found, scores, structure, rng),
             _in_bursts(problem, scores, e, rng),
             _line(problem, e),
-            _together(problem, found, e),
+            _together(problem, found, leverage, e),
         )
     )
 
@@ -192,7 +194,7 @@ def spectral_spread(columns: np.ndarray, e: np.ndarray, n_outputs: int) -> np.nd
     return np.sqrt(variance)
 
 
-def _together(problem: Problem, found: Fit, e: np.ndarray) -> Sign:
+def _together(problem: Problem, found: Fit, leverage: np.ndarray, e: np.ndarray) -> Sign:
     """Test whether innovations on two outputs go together: noise of sensors does not, what acts inside does.
 
     Correlated at any lag, by the larger of the spreads of the products and of their blocks. Every machine
@@ -201,7 +203,7 @@ def _together(problem: Problem, found: Fit, e: np.ndarray) -> Sign:
     outputs = problem.simulator.outputs
     n_outputs = len(outputs)
     length = block_length(e.shape[0], e.shape[1] // n_outputs)
-    counted = np.where(_predicted(problem, found, e), e, 0.0).reshape(e.shape[0], -1, n_outputs)
+    counted = np.where(_predicted(problem, leverage), e, 0.0).reshape(e.shape[0], -1, n_outputs)
     left = problem.left_over(found.model)
     fine = np.flatnonzero(~(measured_steps(problem.y) > problem.noise.sigma))
     pairs = list(combinations(fine, 2))
@@ -236,25 +238,26 @@ def _shared(one: np.ndarray, other: np.ndarray) -> float:
     return float(min(shares))
 
 
-def _predicted(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
+def _predicted(problem: Problem, leverage: np.ndarray) -> np.ndarray:
     """Return the innovations that count, and that the fit has not pinned down."""
-    return problem.weighted.reshape(e.shape) & (_leverage(found, e) < PINNED)
+    return problem.weighted.reshape(leverage.shape) & (leverage < PINNED)
 
 
 def _leverage(found: Fit, e: np.ndarray) -> np.ndarray:
+    """Return the share of each innovation's variance that the fit has taken, (W, T)."""
     own, basis = found.projector.basis, directions(found.jacobian)
     leverage = np.einsum("wtk,wtk->wt", own, own)
     return leverage + np.einsum("nk,nk->n", basis, basis).reshape(e.shape)
 
 
-def _scores(problem: Problem, found: Fit, e: np.ndarray) -> np.ndarray:
+def _scores(problem: Problem, leverage: np.ndarray, e: np.ndarray) -> np.ndarray:
     """Return how large each innovation is among those of its output, (W, T): Savage scores of unit variance.
 
     Ranks make heavy tails and clipping harmless. Where the fit has pinned the residual down it is brought
     back to size, or left out (zero). So is an output of which a converter's steps hide the noise: what it
     rounds off is larger or smaller with every level.
     """
-    leverage, counts = _leverage(found, e), _predicted(problem, found, e)
+    counts = _predicted(problem, leverage)
     size = np.abs(e) / np.sqrt(np.where(counts, 1 - leverage, 1.0))
     scores = np.zeros_like(e)
     n_outputs = problem.y.shape[1]

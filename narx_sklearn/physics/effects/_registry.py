@@ -231,21 +231,23 @@ def _check_trial(effect: Effect) -> None:
     if effect.force is not None:
         _try_force(effect, theta)
     if effect.transform is not None:
-        _try_on_signal(effect, "transform", lambda changed: (changed,), theta)
+        _try_on_signal(effect, "transform", lambda signal, at: _transformed(effect, signal, at, theta))
     if effect.held is not None:
-        _try_on_signal(effect, "held", tuple, theta)
+        _try_on_signal(effect, "held", lambda signal, at: _held(effect, signal, at, theta))
 
 
-def _try_on_signal(effect: Effect, name: str, parts, theta: np.ndarray) -> None:
+def _transformed(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) -> tuple:
+    return (effect.transform(signal, at.second, TRIAL_STEP, theta.copy(), at.first),)
+
+
+def _held(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) -> tuple:
+    return tuple(effect.held(signal, TRIAL_STEP, theta.copy(), at.first))
+
+
+def _try_on_signal(effect: Effect, name: str, call) -> None:
     setting = trial_setting()
     signal = setting.argument.copy()
-    second = (setting.second,) if name == "transform" else ()
-    found = _tried(
-        effect,
-        name,
-        lambda: parts(getattr(effect, name)(signal, *second, TRIAL_STEP, theta.copy(), setting.first)),
-    )
-    for changed in found:
+    for changed in _tried(effect, name, lambda: call(signal, setting)):
         if np.shape(changed) != signal.shape or not np.all(np.isfinite(changed)):
             raise ValueError(
                 f"Effect {effect.code!r}: {name} returned shape {np.shape(changed)} for {signal.size} "
