@@ -113,11 +113,12 @@ class TestChanceOfNoise:
         coloured = problem.with_noise(estimate_noise(problem.left_over(without.model), problem.seen))
         assert coloured.noise.order > 0
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
-        found = clearer_noise(coloured, named.model)
+        found = clearer_noise(coloured, fit(coloured, named.model))
         assert found is not None
         assert found.sigma[0] == pytest.approx(0.002, rel=0.05)
         assert found.sigma[0] < 0.99 * coloured.noise.sigma[0]
-        assert clearer_noise(problem.with_noise(found), named.model) is None
+        settled = problem.with_noise(found)
+        assert clearer_noise(settled, fit(settled, named.model)) is None
 
     def test_every_shape_and_every_hypothesis_has_its_price(self):
         plain = chance_of_noise(30.0, 1, 1)

@@ -194,6 +194,27 @@ class TestNoise:
         assert noise.average[0] == pytest.approx(1.0 - 0.05, abs=0.02)  # steady gain of the Kalman filter
         assert noise.sigma[0] == pytest.approx(unit, rel=0.05)
 
+    @pytest.mark.parametrize("size", [0.02, 0.3])
+    def test_no_pair_of_a_grid_leaves_less_than_the_drift_that_was_found(self, size):
+        rng = np.random.default_rng(3)
+        r = rng.normal(size=(2, 300)) + np.cumsum(size * rng.normal(size=(2, 300)), axis=1)
+        noise = estimate_noise(r[:, :, None], np.ones((2, 300, 1), dtype=bool))
+        a, b = noise.coefficients[0][0], noise.average[0]
+
+        def left(a, b):
+            squares = 0.0
+            for row in r:
+                e = np.zeros(300)
+                for k in range(1, 300):
+                    e[k] = row[k] - a * row[k - 1] + b * e[k - 1]
+                before = b ** np.arange(1.0, 300.0)  # of the unknown innovation of the first sample
+                squares += np.sum((e[1:] - before * (before @ e[1:]) / (before @ before)) ** 2)
+            return squares / (2 * 299)
+
+        assert noise.sigma[0] ** 2 == pytest.approx(left(a, b), rel=1e-6)
+        grid = [(a, b) for a in np.linspace(0.9, 1.0, 6) for b in np.linspace(0.02, 0.98, 9) if b <= a]
+        assert noise.sigma[0] ** 2 <= min(left(*pair) for pair in grid) * (1 + 1e-6)
+
     def test_an_output_known_at_every_second_sample_has_white_noise(self):
         # no sample has the one before it: under an autoregression none would count
         rng = np.random.default_rng(0)

@@ -56,7 +56,7 @@ def _under_clearer_noise(
     if not pool or steps[0].detection.p_value > settings.alpha:
         return None
     best = likeliest(pool, refitted.cost)
-    noise = clearer_noise(problem, best.fit.model)
+    noise = clearer_noise(problem, best.fit)
     if noise is None:
         return None
     settings.tell("search again, under the noise that the best explanation leaves")

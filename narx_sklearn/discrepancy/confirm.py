@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise, noise_deviance
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.refit import Fit, fit
 
 ROUNDS = 4  # of noise and model in turn, at most
 COLOUR = 2.0  # price of a coefficient of the noise
@@ -94,22 +94,26 @@ def own_noise(problem: Problem, model: Model, noises: Noises = ANY) -> OwnNoise:
 def deviance_under(problem: Problem, model: Model, noise: Noise) -> tuple[float, Model]:
     """Return minus twice the log-likelihood under a given noise, priced, and the model fitted under it."""
     own = problem.with_noise(noise)
-    found = fit(own, model)
-    mean_square = found.cost / max(own.n_seen, 1)
-    level = np.log(max(mean_square, 1e-300)) + 2 * np.mean(np.log(noise.sigma))
+    found = fit(own, model, rough=True)
+    return _priced(own, found.cost), found.model
+
+
+def _priced(problem: Problem, cost: float) -> float:
+    """Return minus twice the log-likelihood of a fit that leaves a cost, and the price of the colour."""
+    noise = problem.noise
+    level = np.log(max(cost / max(problem.n_seen, 1), 1e-300)) + 2 * np.mean(np.log(noise.sigma))
     value = int(problem.seen.sum()) * level + noise.n_parameters * COLOUR
-    return float(value + noise.log_determinant(problem.windows.count)), found.model
+    return float(value + noise.log_determinant(problem.windows.count))
 
 
-def clearer_noise(problem: Problem, model: Model) -> Noise | None:
-    """Return the noise that a model leaves, if it is much likelier than the problem's own.
+def clearer_noise(problem: Problem, found: Fit) -> Noise | None:
+    """Return the noise that a fitted model leaves, if it is much likelier than the problem's own.
 
     Noise is first estimated from what tangents or a single effect leave. What they miss colours it, and
     coloured noise then hides what it was coloured by.
     """
-    present, model = deviance_under(problem, model, problem.noise)
-    own = own_noise(problem, model)
-    return own.noise if own.deviance < present - CLEARER else None
+    own = own_noise(problem, found.model)
+    return own.noise if own.deviance < _priced(problem, found.cost) - CLEARER else None
 
 
 def _from_zero(problem: Problem, left: np.ndarray, may_drift: bool) -> float:

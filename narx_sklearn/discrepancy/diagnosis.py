@@ -271,9 +271,7 @@ def _alternatives(
         rivals = [
             c
             for c in pool
-            if len(c.effects) == len(best.effects)
-            and kept <= c.places
-            and effect.place not in c.places
+            if len(c.effects) == len(best.effects) and kept <= c.places and effect.place not in c.places
         ]
         if others and not rivals:
             start = best.fit.model

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -254,7 +254,7 @@ def search(
             found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=before)
             found = [c for c in found if c.criterion < candidate.criterion]
             if rank == 0:
-                detection, found = _confirmed(problem, candidate, found, detection, bank, alpha)
+                detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
                 steps.append(Step(detection, bank, pool))
                 if detection.p_value > alpha or not found:
                     return steps
@@ -283,6 +283,7 @@ def _confirmed(
     detection: Detection,
     bank: Bank,
     alpha: float,
+    n_jobs,
 ) -> tuple[Detection, list[Candidate]]:
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
@@ -292,18 +293,24 @@ def _confirmed(
     """
     if not found:
         return detection, found
-    without = cache(lambda noises: deviance(problem, base.fit.model, noises))
+    near = [c for c in found[:CONFIRMED] if c.criterion <= found[0].criterion + HARDLY]
+    noises = [held_against(c.effects[-1]) for c in near]
+    asked = list(dict.fromkeys(kind for kinds in noises for kind in kinds))
+    pairs = [(base, kind) for kind in asked]
+    pairs += [(c, kind) for c, kinds in zip(near, noises, strict=True) for kind in kinds]
+    deviances = iter(
+        Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(deviance)(problem, c.fit.model, kind) for c, kind in pairs
+        )
+    )
+    without = {kind: next(deviances) for kind in asked}
     n_tried = len(bank.hypotheses)
     chances: list[tuple[Candidate, float]] = []
-    for candidate in found[:CONFIRMED]:
-        if candidate.criterion <= found[0].criterion + HARDLY:
-            effect = candidate.effects[-1]
-            gained = min(
-                without(noises) - deviance(problem, candidate.fit.model, noises)
-                for noises in held_against(effect)
-            )
-            chance = chance_of_noise(gained - ODD * effect.odd, n_tried, _shapes(effect, problem, bank))
-            chances.append((candidate, chance))
+    for candidate, kinds in zip(near, noises, strict=True):
+        effect = candidate.effects[-1]
+        gained = min(without[kind] - next(deviances) for kind in kinds)
+        chance = chance_of_noise(gained - ODD * effect.odd, n_tried, _shapes(effect, problem, bank))
+        chances.append((candidate, chance))
     least = min(chance for _, chance in chances)
     standing = [candidate for candidate, chance in chances if chance <= alpha]
     if standing and all(_is_slow(candidate) for candidate in standing):

@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_toeplitz, solve_triangular, toeplitz
-from scipy.optimize import minimize
+from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 LONGEST = 6
 SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samples
+GRID = 13  # values of it that are tried, evenly in the logarithm of its pace
+FINE = 1e-3  # to which that logarithm is then found
 
 
 class Noise(NamedTuple):
@@ -193,8 +195,8 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
 def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float, from_zero: bool):
     """Return (criterion, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}.
 
-    Fitted by conditional least squares. b is at most a: a drift adds slow noise. What lacks slow power has
-    been fitted, and is no noise.
+    Fitted by conditional least squares, a in closed form for each b (variable projection, Golub and Pereyra
+    1973). b is at most a: a drift adds slow noise. What lacks slow power has been fitted, and is no noise.
     """
     if from_zero:
         r = np.pad(r, ((0, 0), (1, 0)))
@@ -203,26 +205,28 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float, from_ze
     n = int(pairs.sum())
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
-    size = np.sqrt(np.sum(r**2) / known.sum())
-    r = r / size  # the optimiser's tolerances are absolute
 
-    def drift(values) -> tuple[float, float]:
-        return float(values[0]), float(min(values[0] * values[1], SLOWEST))
+    def given(b: float) -> tuple[float, float]:
+        """Return the best a, and the sum of squares of the innovations."""
+        early, late = (lfilter([1.0], [1.0, -b], part, axis=1) for part in (r[:, :-1], r[:, 1:]))
+        early, late = (
+            np.where(pairs, part, 0.0) if from_zero else _whatever_the_start(part, b, pairs)
+            for part in (early, late)
+        )
+        power = float(np.sum(early**2))
+        a = float(np.clip(np.sum(late * early) / power, b, 1.0)) if power > 0 else 1.0
+        return a, float(np.sum((late - a * early) ** 2))
 
-    def cost(values) -> float:
-        a, b = drift(values)
-        moved = r[:, 1:] - a * r[:, :-1]
-        e = lfilter([1.0], [1.0, -b], moved, axis=1)
-        e = np.where(pairs, e, 0.0) if from_zero else _whatever_the_start(e, b, pairs)
-        return float(np.sum(e**2)) / n
+    def cost(log_pace: float) -> float:
+        return given(1.0 - np.exp(log_pace))[1]
 
-    starts = [(1.0, 0.5), (1.0, 0.9), (1.0, 0.98), (0.98, 0.7)]
-    found = min(
-        (minimize(cost, start, method="L-BFGS-B", bounds=[(0.0, 1.0), (0.0, 1.0)]) for start in starts),
-        key=lambda result: result.fun,
-    )
-    variance = found.fun * size**2
+    grid = np.linspace(np.log(1.0 - SLOWEST), 0.0, GRID)
+    at = int(np.argmin([cost(log_pace) for log_pace in grid]))
+    around = grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]
+    found = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": FINE})
+    b = float(1.0 - np.exp(min(found.x, grid[at], key=cost)))
+    a, squares = given(b)
+    variance = squares / n
     # counted over all samples, as for the autoregression
     criterion = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * price
-    a, b = drift(found.x)
     return criterion, np.array([a]), b, variance
