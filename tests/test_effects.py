@@ -988,8 +988,17 @@ class TestStarts:
         found, n_tried = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         assert n_tried > signal.size
         begin, duration = found[0]
-        assert 3.5 < begin < 4.2  # lengths grow by a third
-        assert 5.3 < begin + duration < 6.2
+        assert begin == pytest.approx(4.0, abs=0.02)
+        assert begin + duration == pytest.approx(5.5, abs=0.02)
+
+    @pytest.mark.parametrize("length", [7, 19, 53])
+    def test_both_ends_of_a_stuck_stretch_are_found_to_the_sample(self, length):
+        rng = np.random.default_rng(length)
+        signal = np.cumsum(rng.normal(size=1000))
+        shown = signal.copy()
+        shown[400 : 400 + length] = signal[400]
+        found, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
+        np.testing.assert_array_equal(transformed("stuck_sensor", signal, found[0]), shown)
 
     def test_a_stuck_sensor_is_found_under_noise(self):
         signal = wideband()

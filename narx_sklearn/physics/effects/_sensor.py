@@ -8,6 +8,7 @@ from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Settin
 from narx_sklearn.physics.effects._starts import grid, spread, telling
 
 SHORTEST_HOLD = 4  # samples that a sensor is stuck
+SETTLED = 5  # rounds in which both ends of a stretch are settled, at most
 BEST = 3  # of the values scanned that are kept
 LEVELS = 2**16  # on which a signal's values are gathered; steps of less than eight of them are not looked for
 LOOKED_AT = 20  # of the best steps, that are tried as they are
@@ -92,7 +93,7 @@ def _stuck_starts(setting: Setting) -> np.ndarray:
 
 
 def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
-    """Hold the simulated value from every sample on, for lengths that grow by a third."""
+    """Hold the simulated value from every sample on, for lengths that grow by a third; then settle both ends."""
     simulated, measured = setting.argument, setting.argument + residual
     n = measured.size
     if n < 4 * SHORTEST_HOLD or not np.all(np.isfinite(measured)):
@@ -102,21 +103,46 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
         np.cumsum(np.append(0.0, values))
         for values in (residual**2, measured - level, (measured - level) ** 2)
     )
+
+    def gains(begin, end) -> np.ndarray:
+        held = simulated[begin] - level
+        missed_held = (
+            second[end] - second[begin] - 2 * held * (first[end] - first[begin]) + (end - begin) * held**2
+        )
+        return missed[end] - missed[begin] - missed_held
+
     found, tried = [], 0
     size = SHORTEST_HOLD
     while size < n // 2:
         begin = np.arange(n - size)
-        end = begin + size
-        held = simulated[begin] - level
-        missed_held = second[end] - second[begin] - 2 * held * (first[end] - first[begin]) + size * held**2
-        gain = missed[end] - missed[begin] - missed_held
+        gain = gains(begin, begin + size)
         best = int(np.argmax(gain))
-        found.append((float(gain[best]), float(setting.time[best]), size * setting.dt))
+        found.append((float(gain[best]), best, best + size))
         tried += begin.size
         size += max(1, size // 3)
     found.sort(reverse=True)
-    rows = np.array([row for gain, *row in found[:BEST] if gain > 0]).reshape(-1, 2)
-    return telling(setting, rows, _stuck_transform), tried
+    rows = []
+    for gain, begin, end in found[:BEST]:
+        if gain > 0:
+            begin, end, more = _settled(gains, begin, end, n)
+            tried += more
+            rows.append((float(setting.time[begin]), (end - begin - 0.5) * setting.dt))
+    return telling(setting, np.array(rows).reshape(-1, 2), _stuck_transform), tried
+
+
+def _settled(gains, begin: int, end: int, n: int) -> tuple[int, int, int]:
+    """Return the best ends of a stretch within a third of its length, one after the other, and how many were tried."""
+    reach, tried = max(2, (end - begin) // 3), 0
+    for _ in range(SETTLED):
+        before = begin, end
+        ends = np.arange(max(end - reach, begin + SHORTEST_HOLD), min(end + reach, n) + 1)
+        end = int(ends[np.argmax(gains(begin, ends))])
+        begins = np.arange(max(begin - reach, 0), min(begin + reach, end - SHORTEST_HOLD) + 1)
+        begin = int(begins[np.argmax(gains(begins, end))])
+        tried += ends.size + begins.size
+        if (begin, end) == before:
+            break
+    return begin, end, tried
 
 
 def _quantisation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
