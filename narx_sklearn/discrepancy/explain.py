@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.valleys import other_valleys
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
@@ -24,6 +25,7 @@ NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
+IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
@@ -57,17 +59,21 @@ class Candidate:
         """Number of global parameters that the data can feel.
 
         A direction in which the effects change nothing that the simulator's own parameters and the other
-        directions do not, or a parameter at its bound, was not fitted and has no price.
+        directions do not, or a parameter at its bound, was not fitted and has no price. Where many valleys
+        were looked into, tangents say nothing, and every parameter has its price.
         """
         model, J = self.fit.model, self.fit.jacobian
         own, q = model.p.size, model.q
         bounds = np.concatenate([np.empty((0, 2)), *(e.bounds for e in model.effects)])
-        free = own + np.flatnonzero((q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1]))
+        inside = (q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1])
+        many = np.array([e.effect.valleys > 0 for e in model.effects for _ in range(e.n_theta)], dtype=bool)
+        n_tried = int(np.sum(inside & many))
+        free = own + np.flatnonzero(inside & ~many)
         if not free.size:
-            return own
+            return own + n_tried
         columns = out_of(J[:, :, :own], J[:, :, free] * np.abs(q[free])).reshape(-1, free.size)
         felt = np.linalg.eigvalsh(columns.T @ columns)
-        return own + int(np.sum(felt > 1.0))
+        return own + n_tried + int(np.sum(felt > 1.0))
 
     @cached_property
     def criterion(self) -> float:
@@ -203,7 +209,20 @@ def refit_leaders(
             models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
-    return sorted(round_of(models, FINE, rough=False) + left_behind, key=lambda c: c.criterion)
+    found = _from_other_valleys(problem, round_of(models, FINE, rough=False), n_jobs)
+    return sorted(found + left_behind, key=lambda c: c.criterion)
+
+
+def _from_other_valleys(problem: Problem, found: list[Candidate], n_jobs) -> list[Candidate]:
+    """Return the candidates, those in reach of the best from other values of their last effect too."""
+
+    def settled(candidate: Candidate) -> Candidate:
+        in_reach = candidate.criterion < found[0].criterion + IN_REACH
+        if not (in_reach and candidate.effects[-1].effect.valleys):
+            return candidate
+        return Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
+
+    return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(settled)(c) for c in found)
 
 
 def _once_each(candidates: list[Candidate]) -> list[Candidate]:

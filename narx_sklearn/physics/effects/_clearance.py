@@ -218,6 +218,7 @@ CLEARANCE = (
         separate_by="slow reversals at two rates and two amplitudes",
         source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
         phi=_backlash_phi,
+        valleys=64,
     ),
     Effect(
         code="dead_zone",
@@ -278,5 +279,6 @@ CLEARANCE = (
         source="Choudhury, Thornhill and Shah 2005, Control Eng. Pract. 13(5), sec. 4, in S and J (a = 0); "
         "He, Wang, Pottmann and Qin 2007, Ind. Eng. Chem. Res. 46(13) (a = 1)",
         phi=_valve_stiction_phi,
+        valleys=256,
     ),
 )

@@ -111,6 +111,9 @@ class Effect:
     scan : callable, optional
         ``scan(setting, residual) -> (ndarray (n, n_parameters), n_tried)``: the parameter values that explain
         the residual best, of very many tried on it; for shapes that a few starts cannot hit.
+    valleys : int
+        How many other values are tried round fitted ones, for an effect that holds and jumps, so that a fit
+        stays near its start; 0 for none.
     argument_units : tuple of str
         Units one of which the argument must have where its unit is known (an angle); empty for any.
 
@@ -151,6 +154,7 @@ class Effect:
     narx_terms: str = ""
     argument_units: tuple[str, ...] = ()
     scan: Any = None
+    valleys: int = 0
 
     @property
     def ports(self) -> tuple[str, ...]:

@@ -93,7 +93,7 @@ def _stuck_starts(setting: Setting) -> np.ndarray:
 
 
 def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
-    """Hold the simulated value from every sample on, for lengths that grow by a third; then settle both ends."""
+    """Hold the simulated value from every sample on, for lengths that grow by a third; settle both ends."""
     simulated, measured = setting.argument, setting.argument + residual
     n = measured.size
     if n < 4 * SHORTEST_HOLD or not np.all(np.isfinite(measured)):
@@ -122,16 +122,16 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
         size += max(1, size // 3)
     found.sort(reverse=True)
     rows = []
-    for gain, begin, end in found[:BEST]:
-        if gain > 0:
-            begin, end, more = _settled(gains, begin, end, n)
+    for most, first_held, after in found[:BEST]:
+        if most > 0:
+            start, stop, more = _settled(gains, first_held, after, n)
             tried += more
-            rows.append((float(setting.time[begin]), (end - begin - 0.5) * setting.dt))
+            rows.append((float(setting.time[start]), (stop - start - 0.5) * setting.dt))
     return telling(setting, np.array(rows).reshape(-1, 2), _stuck_transform), tried
 
 
 def _settled(gains, begin: int, end: int, n: int) -> tuple[int, int, int]:
-    """Return the best ends of a stretch within a third of its length, one after the other, and how many were tried."""
+    """Return the best ends of a stretch, within a third of its length, and how many were tried."""
     reach, tried = max(2, (end - begin) // 3), 0
     for _ in range(SETTLED):
         before = begin, end

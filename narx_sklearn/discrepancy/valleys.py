@@ -1,0 +1,63 @@
+"""Other valleys of the cost: values round those that a fit came to, for effects whose cost has many."""
+
+import numpy as np
+from scipy.stats import qmc
+
+from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+
+OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
+FITTED = 3  # values from which a fit goes on
+ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
+
+
+def other_valleys(problem: Problem, found: Fit) -> Fit:
+    """Return a fit, or a better one from other values of its last effect.
+
+    What holds and jumps changes the cost in steps, and a fit stays near its start. What each value would
+    leave is told from one run, all else refitted on the tangents at hand; the best few are fitted, first
+    with the values held.
+    """
+    for octaves in OCTAVES:
+        before = found
+        last = before.model.effects[-1]
+        others = before.jacobian[:, :, : before.model.q.size - last.n_theta]
+        models = [_with_last(before.model, last.at(theta)) for theta in spread_round(last, octaves)]
+        left = np.array([_left_by(problem, before, others, model) for model in models])
+        for i in np.argsort(left, kind="stable")[:FITTED]:
+            if np.isfinite(left[i]):
+                found = min(found, _settled(problem, models[i]), key=lambda f: f.cost)
+    return found
+
+
+def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
+    """Return values spread evenly (Halton 1960) round an effect's, within octaves or a share of its range.
+
+    Those beyond an end of the range stand at it.
+    """
+    n, theta, bounds = placed.effect.valleys, np.array(placed.theta), placed.bounds
+    points = qmc.Halton(theta.size, scramble=False).random(n + 1)[1:]  # the first is a corner
+    lower, upper = bounds.T
+    ranged = np.isfinite(lower) & np.isfinite(upper)
+    width = np.where(ranged, octaves * (upper - lower), 0.0)
+    moved = np.where(
+        ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
+    )
+    return np.clip(moved, lower, upper)
+
+
+def _settled(problem: Problem, model: Model) -> Fit:
+    held = np.arange(model.q.size) < model.q.size - model.effects[-1].n_theta
+    return fit(problem, fit(problem, model, free=held, iterations=ALL_ELSE).model, iterations=SETTLED)
+
+
+def _with_last(model: Model, effect: PlacedEffect) -> Model:
+    return model._replace(effects=(*model.effects[:-1], effect))
+
+
+def _left_by(problem: Problem, found: Fit, others: np.ndarray, model: Model) -> float:
+    residual = found.projector(problem.residual(problem.run(model)))
+    left = out_of(others, residual[:, :, None]) if np.isfinite(residual).all() else np.full(1, np.inf)
+    return float(np.sum(left**2))

@@ -1,0 +1,80 @@
+"""Other valleys of the cost of effects that hold and jump."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.valleys import other_valleys, spread_round
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+TRUE = (0.3, 0.3, 1.0)
+
+
+def stiction(*theta):
+    return PlacedEffect(CATALOGUE["valve_stiction"], Port("input", 0), theta=theta)
+
+
+def tank(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+@pytest.fixture(scope="module")
+def sticking() -> tuple[Problem, Model]:
+    """A tank whose valve sticks, and the model without that."""
+    rng = np.random.default_rng(0)
+    simulator = ODESimulator(
+        tank,
+        dt=0.1,
+        parameters={"gain": 1.0, "outflow": 0.3},
+        states=["level [m]"],
+        inputs=["valve [V]"],
+        outputs=["level [m]"],
+    )
+    time = 0.1 * np.arange(2000)[:, None]
+    u = sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.11, 0.23, 0.41, 0.67))
+    y = simulator.with_effects([stiction(*TRUE)]).simulate(u) + 0.02 * rng.normal(size=(2000, 1))
+    windows = cut([(slice(0, 2000), 0)], 500, 8)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.02])))
+    return problem, fit(problem, Model(simulator.nominal, (), np.zeros((windows.count, 1)))).model
+
+
+class TestOtherValleys:
+    def test_a_fit_that_stays_near_its_start_is_led_to_the_jumps_that_were_there(self, sticking):
+        problem, model = sticking
+        near = fit(problem, model._replace(effects=(stiction(0.22, 0.05, 1.0),)))
+        there = fit(problem, model._replace(effects=(stiction(*TRUE),)))
+        assert near.cost > 1.5 * there.cost
+        found = other_valleys(problem, near)
+        assert found.cost < 0.6 * near.cost
+        np.testing.assert_allclose(found.model.effects[0].theta, TRUE, rtol=0.05)
+
+    def test_the_cost_never_rises(self, sticking):
+        problem, model = sticking
+        there = fit(problem, model._replace(effects=(stiction(*TRUE),)))
+        assert other_valleys(problem, there).cost <= there.cost
+
+    def test_every_value_that_was_tried_has_its_price(self, sticking):
+        problem, model = sticking
+        there = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 0.9),)), iterations=0)
+        assert not np.any(there.jacobian[:, :, -1])  # `again` changes nothing by a small step
+        assert Candidate(there, problem.n_seen).n_parameters == 2 + 3
+        at_an_end = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 1.0),)), iterations=0)
+        assert Candidate(at_an_end, problem.n_seen).n_parameters == 2 + 2
+
+
+class TestSpreadRound:
+    @pytest.mark.parametrize("octaves", [1.0, 0.25])
+    def test_values_lie_round_what_was_found_and_at_the_ends_of_ranges(self, octaves):
+        values = spread_round(stiction(0.3, 0.5, 0.9), octaves)
+        assert values.shape == (CATALOGUE["valve_stiction"].valleys, 3)
+        assert np.all(np.abs(np.log2(values[:, 0] / 0.3)) <= octaves)
+        assert values[:, 1:].min() >= 0.0
+        assert values[:, 1:].max() <= 1.0
+        assert np.mean(values[:, 2] == 1.0) > 0.2
+        assert np.all(np.abs(values[:, 1] - 0.5) <= octaves)
