@@ -1108,6 +1108,7 @@ class TestRegistry:
             ({"second": "state"}, "second must be one of"),
             ({"amplitude": 1}, "amplitude must index"),
             ({"n_memory": 99}, "n_memory must lie"),
+            ({"valleys": -1}, "valleys counts the values tried"),
             ({"force": raising}, "force raised KeyError"),
             ({"starts": raising}, "starts raised KeyError"),
             ({"starts": lambda s: np.ones((2, 3))}, r"returned shape \(2, 3\)"),

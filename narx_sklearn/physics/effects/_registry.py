@@ -201,6 +201,8 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"second must be one of {list(SECONDS)}, got {effect.second!r}.")
     if effect.amplitude is not None and not 0 <= effect.amplitude < n:
         refuse(f"amplitude must index one of its {n} parameters or be None, got {effect.amplitude!r}.")
+    if not effect.valleys >= 0:
+        refuse(f"valleys counts the values tried and must be 0 or more, got {effect.valleys!r}.")
     if not 0 <= effect.n_memory <= MAX_MEMORY:
         refuse(f"n_memory must lie between 0 and {MAX_MEMORY}, got {effect.n_memory!r}.")
     if effect.after and effect.n_memory:
