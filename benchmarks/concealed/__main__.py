@@ -76,10 +76,13 @@ def _make(options):
 
 
 def _diagnose(options):
-    from benchmarks.concealed.diagnose import diagnose
+    from benchmarks.concealed.diagnose import diagnose, load_verdicts
 
     seals = diagnose(options.out, n_jobs=options.jobs, again=options.again)
     print(f"{len(seals)} files sealed in {options.out / 'verdicts.json'}")
+    for name, verdict in load_verdicts(options.out).items():
+        if verdict["verdict"] == "error":
+            print(f"{name} failed: {verdict['error']}\n{verdict['trace']}", file=sys.stderr)
     return 0
 
 
