@@ -115,16 +115,16 @@ def trial(effect: str, noise: float, seed: int) -> dict:
     u = drive(rng)
     clean = machine(code, u)
     level = noise * clean.std()
-    disturbed = level * rng.standard_normal(N_SAMPLES)
+    disturbance = level * rng.standard_normal(N_SAMPLES)
     simulator = ODESimulator(
         stage, dt=DT, parameters=NOMINAL, states=["position [m]", "velocity [m/s]"], inputs=["drive [V]"]
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         diagnosis = DiscrepancyRegressor(simulator, test_fraction=HELD_OUT, random_state=0).fit(
-            u, clean + disturbed
+            u, clean + disturbance
         )
-    floor = disturbed[-round(HELD_OUT * N_SAMPLES) :].std()
+    floor = disturbance[-round(HELD_OUT * N_SAMPLES) :].std()
     errors = diagnosis.scores_["rmse"]
     return {
         "effect": effect,

@@ -116,6 +116,8 @@ class TestChanceOfNoise:
         found = clearer_noise(coloured, fit(coloured, named.model))
         assert found is not None
         assert found.sigma[0] == pytest.approx(0.002, rel=0.05)
+        net = [np.sum(a) - b for a, b in zip(found.coefficients, found.average, strict=True)]
+        assert np.all(np.abs(net) < 0.1)  # an autoregression that its moving average undoes is white
         assert found.sigma[0] < 0.99 * coloured.noise.sigma[0]
         settled = problem.with_noise(found)
         assert clearer_noise(settled, fit(settled, named.model)) is None

@@ -69,10 +69,10 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
     def store(i: int, h: int, s: int) -> None:
         column = effect_column(problem, fit, base, hypotheses[h].placed.at(hypotheses[h].starts[s]))
         raw[i] = np.einsum("wt,wt->", column, column)
-        stored[i] = _off(own, fit.projector(column))
+        stored[i] = off(own, fit.projector(column))
 
     Parallel(n_jobs=n_jobs, prefer="threads")(delayed(store)(i, h, s) for i, (h, s) in enumerate(pairs))
-    residual = _off(own, fit.residual)
+    residual = off(own, fit.residual)
     flat = stored.reshape(len(pairs), n_w * n_t)
     gram = flat @ flat.T
     useful = np.diag(gram) > INVISIBLE * np.maximum(raw, 1e-300)
@@ -93,10 +93,10 @@ def directions(jacobian: np.ndarray) -> np.ndarray:
 
 def out_of(jacobian: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Project the global parameters' sensitivities, (W, T, n_q), out of columns (W, T, n)."""
-    return _off(directions(jacobian), columns) if columns.shape[2] else columns
+    return off(directions(jacobian), columns) if columns.shape[2] else columns
 
 
-def _off(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def off(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Project orthonormal columns, (W T, n), out of one column (W, T) or several (W, T, n)."""
     flat = columns.reshape(basis.shape[0], -1)
     return (flat - basis @ (basis.T @ flat)).reshape(columns.shape)

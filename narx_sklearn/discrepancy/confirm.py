@@ -80,7 +80,7 @@ def own_noise(problem: Problem, model: Model, noises: Noises = ANY) -> OwnNoise:
     for _ in range(ROUNDS):
         left = problem.left_over(model)
         noise = estimate_noise(left, problem.seen, may_drift=noises.may_drift, price=COLOUR)
-        value, model = deviance_under(problem, model, noise)
+        value, model = _deviance_under(problem, model, noise)
         if noises.from_zero:
             value = _from_zero(problem, left, noises.may_drift)
         gained = best.deviance - value
@@ -91,7 +91,7 @@ def own_noise(problem: Problem, model: Model, noises: Noises = ANY) -> OwnNoise:
     return best
 
 
-def deviance_under(problem: Problem, model: Model, noise: Noise) -> tuple[float, Model]:
+def _deviance_under(problem: Problem, model: Model, noise: Noise) -> tuple[float, Model]:
     """Return minus twice the log-likelihood under a given noise, priced, and the model fitted under it."""
     own = problem.with_noise(noise)
     found = fit(own, model, rough=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import qmc
 
-from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.bank import directions, off
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -23,7 +23,7 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     for octaves in OCTAVES:
         before = found
         last = before.model.effects[-1]
-        others = before.jacobian[:, :, : before.model.q.size - last.n_theta]
+        others = directions(before.jacobian[:, :, : before.model.q.size - last.n_theta])
         models = [_with_last(before.model, last.at(theta)) for theta in spread_round(last, octaves)]
         left = np.array([_left_by(problem, before, others, model) for model in models])
         for i in np.argsort(left, kind="stable")[:FITTED]:
@@ -59,5 +59,4 @@ def _with_last(model: Model, effect: PlacedEffect) -> Model:
 
 def _left_by(problem: Problem, found: Fit, others: np.ndarray, model: Model) -> float:
     residual = found.projector(problem.residual(problem.run(model)))
-    left = out_of(others, residual[:, :, None]) if np.isfinite(residual).all() else np.full(1, np.inf)
-    return float(np.sum(left**2))
+    return float(np.sum(off(others, residual) ** 2)) if np.isfinite(residual).all() else np.inf
