@@ -120,3 +120,24 @@ def test_friction_is_found_from_a_bare_trace():
     )
     assert dx.findings_[0].parameters["Fc"] == pytest.approx(0.6, rel=0.05)
     assert "A twin stands in for it, with the states y and y'" in dx.report_
+
+
+def test_a_trace_without_inputs_takes_those_of_the_record():
+    inputs = pd.DataFrame({"drive [V]": 3 * drive(1000)})
+    y_sim = pd.Series(machine((2.0, 0.5, 30.0)).simulate(inputs.to_numpy())[:, 0], name="position [m]")
+    y = machine((2.0, 0.5, 36.0)).simulate(inputs.to_numpy())[:, 0]
+    y += 1e-3 * np.random.default_rng(1).normal(size=y.size)
+    waiting, given = (
+        DiscrepancyRegressor(TraceSimulator(y_sim, u, dt=0.02), effects=["cubic_stiffness"]).fit(inputs, y)
+        for u in (None, inputs)
+    )
+    assert waiting.verdict_ == "refit"
+    assert [str(s) for s in waiting.simulator_.inputs + waiting.simulator_.outputs] == [
+        "drive [V]",
+        "position [m]",
+    ]
+    assert waiting.report_ == given.report_
+    np.testing.assert_array_equal(waiting.predict(inputs), given.predict(inputs))
+    assert waiting.score(inputs, y) > 0.999
+    with pytest.raises(ValueError, match="y_sim has 1000 samples, u has 900"):
+        waiting.fit(inputs[:900], y[:900])

@@ -191,10 +191,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         """
         self._check_settings()
         effects = self._chosen_effects()
-        u, measured = self._read(X, y)
+        simulator = self.simulator
+        if not simulator.inputs:  # a trace that waits for the inputs that led to it
+            simulator = simulator.identified(X, sessions=sessions)
+        u, measured = _read(X, y, simulator)
         _check_motion(measured)
         self._tell("check of the record")
-        simulator = self.simulator.identified(u, sessions=sessions)
+        simulator = simulator.identified(u, sessions=sessions)
         self.data_findings_ = list(check_record(simulator, u, measured, sessions))
         steps = measured_steps(measured)
         self.data_findings_ += steps_as_findings(steps, simulator.outputs)
@@ -211,6 +214,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self._tell,
         )
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
+        self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
         if labels is not None and all(isinstance(label, str) for label in labels):
@@ -238,7 +242,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             Simulated outputs; NaN from where a run left the finite range.
         """
         check_is_fitted(self)
-        u = self._inputs(X)
+        u = _inputs(X, self.simulator_)
         windows = Windows.whole(session_slices(sessions, u.shape[0]))
         x0 = np.zeros((windows.count, len(self.simulator_.states)))
         if y_init is not None:
@@ -260,7 +264,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         scores -inf.
         """
         check_is_fitted(self)
-        u, measured = self._read(X, y)
+        u, measured = _read(X, y, self.simulator_)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
         for piece, began in self._pieces(u, sessions):
@@ -339,7 +343,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         NARXModel
         """
         check_is_fitted(self)
-        u = self._inputs(X)
+        u = _inputs(X, self.simulator_)
         y = self.simulator_.run(
             u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(self.simulator_.states)))
         ).y
@@ -437,37 +441,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             raise ValueError("No effect is left to look for; exclude fewer, or pass effects='catalogue'.")
         return tuple(chosen)
 
-    def _read(self, X, y) -> tuple[np.ndarray, np.ndarray]:
-        u = self._inputs(X)
-        self._one_output = np.ndim(y) == 1
-        measured = np.require(as_signals(y, "y"), requirements=["C", "W"])
-        if len(measured) != len(u):
-            raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
-        if measured.shape[1] != len(self.simulator.outputs):
-            raise ValueError(
-                f"y has {measured.shape[1]} columns, the simulator has {len(self.simulator.outputs)} "
-                "outputs: "
-                f"{[str(s) for s in self.simulator.outputs]}."
-            )
-        return u, measured
-
-    def _inputs(self, X) -> np.ndarray:
-        wanted = [signal.name for signal in self.simulator.inputs]
-        labels = column_labels(X)
-        if hasattr(X, "columns") and labels is not None:
-            names = [split_unit(label)[0] for label in labels]
-            missing = [name for name in wanted if name not in names]
-            if not missing:
-                X = X.iloc[:, [names.index(name) for name in wanted]]
-            elif len(names) != len(wanted) or any(name in names for name in wanted):
-                raise ValueError(
-                    f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
-                )
-        u = np.require(as_signals(X, "X"), requirements=["C", "W"])
-        if u.shape[1] != len(wanted):
-            raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
-        return u
-
     def _pieces(self, u, sessions) -> list[tuple[slice, int]]:
         found = []
         finite = finite_rows(u)
@@ -503,7 +476,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             corrected = simulator
         self.simulator_ = corrected
         lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
-        self._n_init = int(max(8 * (len(self.simulator.states) + 1), min(np.median(lengths) // 2, 200)))
+        self._n_init = int(max(8 * (len(simulator.states) + 1), min(np.median(lengths) // 2, 200)))
         self._guess = fit.model.x0[self._nearest]
         self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
@@ -511,14 +484,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.location_ = locate(diagnosis, self.random_state)
         first = self.location_.ports.iloc[0]
         likeliest = Port(first["kind"], int(first["index"]))
-        self.findings_ = make_findings(diagnosis, self.level, self.simulator, likeliest)
+        self.findings_ = make_findings(diagnosis, self.level, simulator, likeliest)
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
             for signal, sigma, a, b in zip(
-                self.simulator.outputs,
+                simulator.outputs,
                 diagnosis.problem.noise.sigma,
                 diagnosis.problem.noise.coefficients,
-                diagnosis.problem.noise.average or [0.0] * len(self.simulator.outputs),
+                diagnosis.problem.noise.average or [0.0] * len(simulator.outputs),
                 strict=True,
             )
         }
@@ -537,7 +510,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         n_init = self._n_init
         long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
-            n_init = 4 * (len(self.simulator.states) + 1)
+            n_init = 4 * (len(self.simulator_.states) + 1)
             long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
             return pd.DataFrame()
@@ -565,14 +538,15 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return bool(np.all(np.isfinite(less)) and less.sum() < -surely)
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
-        n = len(self.simulator.parameters)
+        simulator = diagnosis.problem.simulator
+        n = len(simulator.parameters)
         refitted, final = diagnosis.refitted, diagnosis.best.fit
         sure = intervals(diagnosis.problem, final, self.level)[:n]
         before = intervals(diagnosis.problem, refitted, self.level)[:n]
         return pd.DataFrame(
             {
-                "unit": [p.unit for p in self.simulator.parameters],
-                "nominal": self.simulator.nominal,
+                "unit": [p.unit for p in simulator.parameters],
+                "nominal": simulator.nominal,
                 "refitted": refitted.model.p,
                 "refitted_low": before[:, 0],
                 "refitted_high": before[:, 1],
@@ -580,12 +554,44 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 "augmented_low": sure[:, 0],
                 "augmented_high": sure[:, 1],
             },
-            index=pd.Index([p.name for p in self.simulator.parameters], name="parameter"),
+            index=pd.Index([p.name for p in simulator.parameters], name="parameter"),
         )
 
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _read(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
+    """Return inputs and outputs as arrays, in the order of the simulator's."""
+    u = _inputs(X, simulator)
+    measured = np.require(as_signals(y, "y"), requirements=["C", "W"])
+    if len(measured) != len(u):
+        raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
+    if measured.shape[1] != len(simulator.outputs):
+        raise ValueError(
+            f"y has {measured.shape[1]} columns, the simulator has {len(simulator.outputs)} outputs: "
+            f"{[str(s) for s in simulator.outputs]}."
+        )
+    return u, measured
+
+
+def _inputs(X, simulator: Simulator) -> np.ndarray:
+    wanted = [signal.name for signal in simulator.inputs]
+    labels = column_labels(X)
+    if hasattr(X, "columns") and labels is not None:
+        names = [split_unit(label)[0] for label in labels]
+        missing = [name for name in wanted if name not in names]
+        if not missing:
+            X = X.iloc[:, [names.index(name) for name in wanted]]
+        elif len(names) != len(wanted) or any(name in names for name in wanted):
+            raise ValueError(
+                f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
+            )
+    u = np.require(as_signals(X, "X"), requirements=["C", "W"])
+    if u.shape[1] != len(wanted):
+        raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
+    return u
 
 
 def _check_motion(y: np.ndarray) -> None:

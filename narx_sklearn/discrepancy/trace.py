@@ -21,7 +21,8 @@ class TraceSimulator(TwinSimulator):
         Simulated outputs, aligned with the record. Columns named like ``"position [m]"``
         give names and units.
     u : array-like or DataFrame of shape (n_samples, n_inputs), default=None
-        Inputs that led to them. None: they are given later, to `identified`.
+        Inputs that led to them. None: they are given later, to `identified`, or come with the record that
+        `DiscrepancyRegressor` is fitted to.
     dt : float
         Sampling period, s.
     sessions : array-like of shape (n_samples,), default=None
