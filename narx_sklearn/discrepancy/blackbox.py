@@ -2,13 +2,37 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.ode import check_distinct, check_period, describe, read_parameter, read_signals
-from narx_sklearn.discrepancy.twin import TwinSimulator, identify_twin
+from narx_sklearn.discrepancy.problem import Model
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.twin import (
+    GOOD_ENOUGH,
+    TwinSimulator,
+    as_record,
+    identify_twin,
+    starting_states,
+)
+
+NEAR = 3e-3  # relative distance from a centre within which no other is needed
+STEP = 0.02  # relative, of difference quotients over program runs: above what a solver's tolerance leaves
+KEPT = 8  # slopes remembered: of the last centres
+EXACT = 1e-8  # relative change of the cost at which a twin's fit to the program ends
+
+
+class Centre(NamedTuple):
+    """Parameters of a program about which its twin follows it, and how."""
+
+    p: np.ndarray  # (n_parameters,)
+    low: np.ndarray  # (n_parameters,) ends of the difference quotients
+    high: np.ndarray
+    coefficients: np.ndarray  # (n_coefficients,) of the twin
+    slope: np.ndarray  # (n_coefficients, n_parameters)
 
 
 class CallableSimulator(TwinSimulator):
@@ -17,7 +41,9 @@ class CallableSimulator(TwinSimulator):
     Effects at inputs and outputs act on what goes into the program and comes out of it. States are not seen,
     so for effects at state equations, and for runs from other initial states than the program's own, a
     twin is identified from its answer to the record's inputs (`identified`); what the twin gets wrong of that
-    answer is added back.
+    answer is added back. How the twin follows the program's parameters is found by difference quotients, two
+    calls a parameter, and found anew where a fit moves them by more: so a diagnosis costs hundreds of calls,
+    not one for each of its runs. A run with the simulator's own parameters is always the program's own.
 
     Parameters
     ----------
@@ -85,6 +111,9 @@ class CallableSimulator(TwinSimulator):
         self.outputs = read_signals(outputs, "outputs")
         self.states = ()
         self.regressor = regressor
+        self._record: tuple[np.ndarray, list[slice]] = (np.zeros((0, len(self.inputs))), [])
+        self._centres: tuple[Centre, ...] = ()
+        self._slopes: dict[tuple, np.ndarray] = {}
 
     def identified(self, u, *, sessions=None) -> "CallableSimulator":
         """Return the simulator with a twin, identified from its answer to these inputs.
@@ -102,16 +131,84 @@ class CallableSimulator(TwinSimulator):
         """
         u = self._read_inputs(u)
         pieces = finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u))
-        answer = self._simulated(u, u, self.nominal, pieces)
+        answer = self._simulated(u, self.nominal, pieces)
         new = copy(self)
         new._with_twin(identify_twin(u, answer, dt=self.dt, sessions=sessions, regressor=self.regressor))
+        new._record = u, pieces
+        new._centres = ()
+        return new._with_centre(self.nominal, new.twin_.nominal)
+
+    def centred(self, p):
+        """Return the simulator with a twin that follows the program about these parameters, too."""
+        nearest = self._nearest(p)
+        if np.all(np.abs(p - nearest.p) <= NEAR * self._size(p)):
+            return self
+        return self._with_centre(p, self._coefficients(p))
+
+    def _with_centre(self, p: np.ndarray, guess: np.ndarray) -> "CallableSimulator":
+        """Return a copy in which the twin follows the program about ``p``, where it is about as guessed."""
+        bounds, step = self.bounds, STEP * self._size(p)
+        low, high = np.maximum(p - step, bounds[:, 0]), np.minimum(p + step, bounds[:, 1])
+        here = self._followed(p, guess)
+        slope = np.zeros((here.size, p.size))
+        for i in np.flatnonzero(high > low):
+            ahead, behind = (np.where(np.arange(p.size) == i, end, p) for end in (high, low))
+            slope[:, i] = (self._followed(ahead, here) - self._followed(behind, here)) / (high - low)[i]
+        new = copy(self)
+        new._centres = (*self._centres, Centre(p.copy(), low, high, here, slope))
+        new._corrections, new._slopes = {}, {}  # they go with the twin's coefficients
         return new
 
-    def _simulated(self, u, driven, p, pieces):
+    def _followed(self, p: np.ndarray, guess: np.ndarray) -> np.ndarray:
+        """Return the coefficients with which the twin runs like the program does with parameters ``p``."""
+        u, pieces = self._record
+        own, windows = self._simulated(u, p, pieces), Windows.whole(pieces)
+        twin = self._stepped().with_parameters(guess)
+        start = Model(guess, (), starting_states(twin, u, own, windows))
+        found = fit(as_record(twin, u, own, windows), start, tolerance=EXACT)
+        return found.model.p if np.isfinite(found.cost) else guess
+
+    def _nearest(self, p: np.ndarray) -> "Centre":
+        away = [np.linalg.norm((p - centre.p) / self._size(centre.p)) for centre in self._centres]
+        return self._centres[int(np.argmin(away))]
+
+    @staticmethod
+    def _size(p: np.ndarray) -> np.ndarray:
+        return np.where(p != 0, np.abs(p), 1.0)
+
+    def _coefficients(self, p):
+        centre = self._nearest(p)
+        return centre.coefficients + centre.slope @ (p - centre.p)
+
+    def _correction(self, u, driven, p, pieces):
+        if np.array_equal(p, self.nominal):
+            return self._missed(driven, p, pieces)
+        # A fit makes thousands of runs: about other parameters the program is asked at their centre alone,
+        # and about other inputs only where the twin does not know.
+        centre = self._nearest(p)
+        there = self._missed(driven if self.twin_error_ > GOOD_ENOUGH else u, centre.p, pieces)
+        return there + self._slope_of_missed(u, centre, pieces) @ (p - centre.p)
+
+    def _slope_of_missed(self, u, centre: "Centre", pieces) -> np.ndarray:
+        """Return how the parameters change what is missed, (n_samples, n_outputs, n_parameters)."""
+        key = (u.shape, hash(u.tobytes()), centre.p.tobytes(), tuple((a.start, a.stop) for a in pieces))
+        if key not in self._slopes:
+            slope = np.zeros((u.shape[0], len(self.outputs), centre.p.size))
+            for i in np.flatnonzero(centre.high > centre.low):
+                moved = np.arange(centre.p.size) == i
+                ends = (np.where(moved, end, centre.p) for end in (centre.high, centre.low))
+                ahead, behind = (self._missed(u, end, pieces) for end in ends)
+                slope[:, :, i] = (ahead - behind) / (centre.high - centre.low)[i]
+            while len(self._slopes) >= KEPT:
+                self._slopes.pop(next(iter(self._slopes)), None)
+            self._slopes[key] = slope
+        return self._slopes[key]
+
+    def _simulated(self, u, p, pieces):
         parameters = {known.name: float(value) for known, value in zip(self.parameters, p, strict=True)}
-        y = np.full((driven.shape[0], len(self.outputs)), np.nan)
+        y = np.full((u.shape[0], len(self.outputs)), np.nan)
         for piece in pieces:
-            y[piece] = self._answer(driven[piece].copy(), parameters)
+            y[piece] = self._answer(u[piece].copy(), parameters)
         return y
 
     def _answer(self, u: np.ndarray, parameters: dict[str, float]) -> np.ndarray:
@@ -131,6 +228,9 @@ class CallableSimulator(TwinSimulator):
                 f"sample, one column for each of {[str(s) for s in self.outputs]}."
             )
         return y
+
+    def __getstate__(self):
+        return super().__getstate__() | {"_slopes": {}}
 
     def __repr__(self) -> str:
         called = getattr(self.program, "__name__", type(self.program).__name__)

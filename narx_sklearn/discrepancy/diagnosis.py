@@ -39,6 +39,8 @@ LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
 FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
+CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
+AGAIN = 2  # diagnoses after the first, for the same reason
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 FORM = 0.05  # share of what an effect explains that its idealised form may leave
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
@@ -75,11 +77,25 @@ class Diagnosis:
 def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
     """Diagnose a simulator on the given pieces of a record.
 
+    A simulator that is known only near some parameters is diagnosed again where those found lie elsewhere.
+
     Parameters
     ----------
     pieces : list of (slice, int)
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
+    found = _diagnosed(simulator, u, y, pieces, settings)
+    for _ in range(AGAIN):
+        known = found.problem.simulator
+        nearer = known.centred(found.best.fit.model.p)
+        if nearer is known:
+            break
+        settings.tell("again, nearer to the parameters that were found")
+        found = _diagnosed(nearer, u, y, pieces, settings)
+    return found
+
+
+def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
     whole = Windows.whole([piece for piece, _ in pieces])
     known = simulator.known_states(u, y, whole.first)
     x = simulator.run(u, whole, np.where(np.isfinite(known), known, 0.0)).x
@@ -108,6 +124,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     _check_finite(problem, refitted)
+    problem, refitted = _centred(problem, refitted)
     rounding = FINEST * spread
     problem = problem.with_noise(Noise.white(np.maximum(_left_over(problem, refitted.residual), rounding)))
     refitted = fit(problem, refitted.model, iterations=2)
@@ -221,6 +238,17 @@ def _check_finite(problem: Problem, refitted: Fit) -> None:
         f"of its terms, its units and its dt={dt:.6g}; start from parameters with which it stays near the "
         "recording; or pass a shorter window."
     )
+
+
+def _centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
+    """Return the problem and its fit with a simulator that is known near the parameters fitted."""
+    for _ in range(CENTRED):
+        nearer = problem.simulator.centred(found.model.p)
+        if nearer is problem.simulator:
+            break
+        problem = Problem(nearer, problem.u, problem.y, problem.windows, problem.noise)
+        found = fit(problem, found.model)
+    return problem, found
 
 
 def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem, Fit]:

@@ -130,22 +130,6 @@ def compiled_source(source: str, values: Mapping[str, Any], functions: Mapping[s
     return _interpreted(space["write"])
 
 
-def with_parameters_fixed(equation, parameters: np.ndarray):
-    """Return a compiled ``(x, u, p, written)`` that puts these values in the place of ``p``."""
-    return _fixed_parameters(equation, tuple(float(value) for value in parameters))
-
-
-@lru_cache(maxsize=KEPT)
-def _fixed_parameters(equation, parameters: tuple[float, ...]):
-    values = np.array(parameters)
-    inner = equation.of_arrays
-
-    def write(x, u, p, written):
-        inner(x, u, values.copy(), written)
-
-    return _fixed(write)
-
-
 def _executed(source: str, values: Mapping[str, Any], functions: Mapping[str, Callable]) -> Callable:
     """Return ``write`` from its source text, round the user's functions compiled."""
     space = {**values, **{name: _jitted(function) for name, function in functions.items()}}
@@ -254,6 +238,4 @@ def _fixed(function: Callable):
         def write(x, u, p, written, n_x, n_u, n_p, n_written):
             inner(carray(x, (n_x,)), carray(u, (n_u,)), carray(p, (n_p,)), carray(written, (n_written,)))
 
-        result: Any = njit(EQUATION, error_model="numpy", nogil=True)(write)
-        result.of_arrays = inner
-        return result
+        return njit(EQUATION, error_model="numpy", nogil=True)(write)

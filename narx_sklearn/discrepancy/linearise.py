@@ -23,7 +23,8 @@ class Linearisation(NamedTuple):
 
 def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray]:
     """Return right-hand side, shape (n_states,), and output, shape (n_outputs,), at one point."""
-    x, u, p = (np.array(v, dtype=float) for v in (x, u, simulator.nominal if p is None else p))
+    p = simulator._coefficients(simulator.nominal if p is None else np.asarray(p, dtype=float))
+    x, u, p = (np.array(v, dtype=float) for v in (x, u, p))
     rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
     equation, output = simulator._equations()
     write_values(equation_address(equation), x, u, p, rates)

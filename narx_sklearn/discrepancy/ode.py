@@ -142,7 +142,7 @@ class ODESimulator(Simulator):
         """Whether the right-hand side runs compiled."""
         return not getattr(self._equations()[0], "runs_python", False)
 
-    def known_states(self, u, y, samples):
+    def known_states(self, u, y, samples, began=None):
         """Return a guess of the states at the given samples: the measured ones, NaN for the others."""
         guess = np.full((samples.size, len(self.states)), np.nan)
         if not callable(self.output):

@@ -101,15 +101,20 @@ class Simulator(ABC):
     def _equations(self) -> tuple[Any, Any]:
         """Return the compiled right-hand side and output."""
 
+    def _coefficients(self, p: np.ndarray) -> np.ndarray:
+        """Return what the equations read where parameters are ``p``: the parameters, but for stand-ins."""
+        return p
+
     @property
     def free_states(self) -> np.ndarray:
         """Which initial states are unknown, shape (n_states,); the others follow from measured signals."""
         return np.ones(len(self.states), dtype=bool)
 
-    def known_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    def known_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray, began=None) -> np.ndarray:
         """Return a guess of the states at the given samples, shape (n, n_states); NaN where there is none.
 
-        States that are not free must be given exactly.
+        ``began`` is the first sample of the session of each, by default that of the record. States that are
+        not free must be given exactly.
         """
         return np.full((samples.size, len(self.states)), np.nan)
 
@@ -160,7 +165,7 @@ class Simulator(ABC):
 
         ``strength`` scales each effect: 1 is the effect as it stands, a small number gives its tangent.
         """
-        p = np.require(self.nominal if p is None else p, dtype=float, requirements=["C", "W"])
+        p = self.nominal if p is None else p
         effects = self.effects if effects is None else tuple(effects)
         share = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
         u = np.require(u, dtype=float, requirements=["C", "W"])
@@ -172,6 +177,7 @@ class Simulator(ABC):
         forces = [(e, s) for e, s in zip(effects, share, strict=True) if e.port.kind == "state"]
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
         equation, output = self._equations()
+        p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
         try:
             failed = simulate_windows()(
                 equation_address(equation),
@@ -200,6 +206,14 @@ class Simulator(ABC):
 
     def identified(self, u, *, sessions=None) -> "Simulator":
         """Return the simulator ready for runs from any state; one that is known by its equations is."""
+        return self
+
+    def centred(self, p: np.ndarray) -> "Simulator":
+        """Return the simulator ready for runs near parameters; one that is known by its equations is."""
+        return self
+
+    def by_equations(self) -> "Simulator":
+        """Return the simulator without what is added to the runs of a stand-in."""
         return self
 
     def simulate(self, X, x0=None, *, sessions=None):

@@ -98,17 +98,12 @@ class TraceSimulator(TwinSimulator):
         self.inputs, self.outputs = twin.simulator.inputs, twin.simulator.outputs
         self.parameters = twin.simulator.parameters
 
-    def _equations(self):
-        return self._stepped()._equations()
-
-    def _drives(self, driven, u):
-        return u  # the trace does not answer to another input
-
     def _correction(self, u, driven, p, pieces):
         # the trace is of the twin as identified; refitted, the twin's error stays what it was
-        return super()._correction(u, driven, self._stepped().nominal, pieces)
+        # and the trace does not answer to another input
+        return self._missed(u, self._stepped().nominal, pieces)
 
-    def _simulated(self, u, driven, p, pieces):
+    def _simulated(self, u, p, pieces):
         if self.twin_ is None:
             self._stepped()
         same = u.shape == self._u.shape and np.array_equal(u, self._u, equal_nan=True)

@@ -1,13 +1,13 @@
 """Twins: a model identified from another simulator's input and output, so that it can be stepped."""
 
 import warnings
+from copy import copy
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices
-from narx_sklearn.discrepancy.equations import with_parameters_fixed
 from narx_sklearn.discrepancy.motion import identify_motion
 from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
 from narx_sklearn.discrepancy.noise import Noise
@@ -160,14 +160,11 @@ class TwinSimulator(Simulator):
 
     twin_: Any = None
     twin_error_: float = np.nan
+    _corrected = True
 
-    def _simulated(self, u: np.ndarray, driven: np.ndarray, p: np.ndarray, pieces) -> Any:
-        """Return the simulator's own output for inputs ``driven`` in place of ``u``, None where unknown."""
+    def _simulated(self, u: np.ndarray, p: np.ndarray, pieces) -> Any:
+        """Return the simulator's own output for inputs, None where unknown."""
         raise NotImplementedError
-
-    def _drives(self, driven: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the inputs to which `_simulated` answers."""
-        return driven
 
     def _with_twin(self, twin: Twin) -> None:
         self.twin_, self.twin_error_ = twin
@@ -193,16 +190,26 @@ class TwinSimulator(Simulator):
             )
         return self.twin_
 
+    def _present_twin(self, p: np.ndarray) -> Simulator:
+        return self._stepped().with_parameters(self._coefficients(p))
+
     def _equations(self):
-        twin = self._stepped()
-        return tuple(with_parameters_fixed(equation, twin.nominal) for equation in twin._equations())
+        return self._stepped()._equations()
+
+    def by_equations(self):
+        """Return the simulator without what its twin gets wrong."""
+        new = copy(self)
+        new._corrected = False
+        return new
 
     def _initial_states(self, u, windows):
         if self.twin_ is None:
             return np.zeros((windows.count, 0))
         pieces = [slice(a, b) for a, b in zip(windows.first, windows.last, strict=True)]
-        own = self._simulated(u, u, self.nominal, pieces)
-        return self.twin_._initial_states(u, windows) if own is None else self._starts(u, own, windows)
+        own = self._simulated(u, self.nominal, pieces)
+        if own is None:
+            return self.twin_._initial_states(u, windows)
+        return starting_states(self._present_twin(self.nominal), u, own, windows)
 
     def run(self, u, windows, x0, p=None, effects=None, strength=None) -> Run:
         """Run the windows, as every simulator does; the twin's error on the whole record is added back."""
@@ -216,46 +223,55 @@ class TwinSimulator(Simulator):
         if self.twin_ is None:
             if any(effect.port.kind == "state" for effect in effects):
                 self._stepped()
-            y = self._simulated(u, driven, p, pieces)
+            y = self._simulated(driven, p, pieces)
             run = Run(y, np.empty((u.shape[0], 0)), np.empty((u.shape[0], 0)), -1)
         else:
             run = super().run(u, windows, x0, p, *_separated(within))
-            run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
+            if self._corrected:
+                run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
         return run._replace(y=_transformed(run.y, "output", effects, strength, driven, self.dt, windows))
 
     def missed(self, u, windows: Windows) -> np.ndarray:
         """Return what the twin gets wrong of the simulator's own output, (n_samples, n_outputs)."""
         pieces = finite_slices(_sessions(windows, u.shape[0]), finite_rows(u))
-        return self._correction(u, u, self.nominal, pieces) + np.zeros((u.shape[0], len(self.outputs)))
+        return self._missed(u, self.nominal, pieces) + np.zeros((u.shape[0], len(self.outputs)))
 
     def _correction(self, u, driven, p, pieces):
+        """Return what is added to a run of the twin, (n_samples, n_outputs), or 0."""
+        return self._missed(driven, p, pieces)
+
+    def _missed(self, driven, p, pieces):
         """Return the simulator's own output minus the twin's, both from where the simulator starts."""
-        driven = self._drives(driven, u)
         key = (driven.shape, hash(driven.tobytes()), p.tobytes(), tuple((a.start, a.stop) for a in pieces))
         if key not in self._corrections:
-            own = self._simulated(u, driven, p, pieces)
+            own = self._simulated(driven, p, pieces)
             if own is None:
                 return 0.0
             windows = Windows.whole(pieces)
-            x0 = self._starts(driven, own, windows)
-            twin = super().run(driven, windows, x0, p, (), ()).y
+            twin = self._present_twin(p)
+            x0 = starting_states(twin, driven, own, windows)
+            run = twin.run(driven, windows, x0).y
             while len(self._corrections) >= REMEMBERED:
                 self._corrections.pop(next(iter(self._corrections)), None)
-            self._corrections[key] = np.nan_to_num(own - twin)
+            self._corrections[key] = np.nan_to_num(own - run)
         return self._corrections[key]
-
-    def _starts(self, driven, own, windows) -> np.ndarray:
-        """Return the twin's states where the simulator starts; those its signals do not show are fitted."""
-        twin = self._stepped()
-        known = twin.known_states(driven, np.nan_to_num(own), windows.first, windows.first)
-        if np.isfinite(known).all():
-            return known
-        spread = np.nanstd(own, axis=0)
-        problem = Problem(twin, driven, own, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
-        return fit_initial_states(problem, np.nan_to_num(known)).model.x0
 
     def __getstate__(self):
         return self.__dict__ | ({"_corrections": {}} if self.twin_ else {})
+
+
+def starting_states(twin: Simulator, u: np.ndarray, own: np.ndarray, windows: Windows) -> np.ndarray:
+    """Return a twin's states where its simulator starts; those its signals do not show are fitted."""
+    known = twin.known_states(u, np.nan_to_num(own), windows.first, windows.first)
+    if np.isfinite(known).all():
+        return known
+    return fit_initial_states(as_record(twin, u, own, windows), np.nan_to_num(known)).model.x0
+
+
+def as_record(twin: Simulator, u: np.ndarray, own: np.ndarray, windows: Windows) -> Problem:
+    """Return the problem of fitting a twin to a simulator's own output."""
+    spread = np.nanstd(own, axis=0)
+    return Problem(twin, u, own, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
 
 
 def _separated(pairs):

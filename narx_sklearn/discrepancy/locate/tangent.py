@@ -134,7 +134,7 @@ class _Stepper:
 
     def __init__(self, simulator, p, driven, rows, seam, began):
         ahead = np.where(seam[rows], rows, np.minimum(rows + 1, driven.shape[0] - 1))
-        self.simulator = simulator
+        self.simulator = simulator.by_equations()  # to what is added to a run single steps are nothing
         self.p = p
         self.u = np.empty((2 * rows.size, driven.shape[1]))
         self.u[0::2], self.u[1::2] = driven[rows], driven[ahead]
