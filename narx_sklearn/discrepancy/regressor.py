@@ -16,7 +16,6 @@ from narx_sklearn._validation import (
     finite_rows,
     finite_slices,
     session_slices,
-    split_unit,
 )
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
@@ -26,6 +25,7 @@ from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
 from narx_sklearn.discrepancy.placed import Port, in_short
+from narx_sklearn.discrepancy.record import read_inputs, read_record
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
@@ -194,7 +194,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         simulator = self.simulator
         if not simulator.inputs:  # a trace that waits for the inputs that led to it
             simulator = simulator.identified(X, sessions=sessions)
-        u, measured = _read(X, y, simulator)
+        u, measured = read_record(X, y, simulator)
         _check_motion(measured)
         self._tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
@@ -242,7 +242,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             Simulated outputs; NaN from where a run left the finite range.
         """
         check_is_fitted(self)
-        u = _inputs(X, self.simulator_)
+        u = read_inputs(X, self.simulator_)
         windows = Windows.whole(session_slices(sessions, u.shape[0]))
         x0 = np.zeros((windows.count, len(self.simulator_.states)))
         if y_init is not None:
@@ -264,7 +264,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         scores -inf.
         """
         check_is_fitted(self)
-        u, measured = _read(X, y, self.simulator_)
+        u, measured = read_record(X, y, self.simulator_)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
         for piece, began in self._pieces(u, sessions):
@@ -343,7 +343,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         NARXModel
         """
         check_is_fitted(self)
-        u = _inputs(X, self.simulator_)
+        u = read_inputs(X, self.simulator_)
         y = self.simulator_.run(
             u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(self.simulator_.states)))
         ).y
@@ -560,38 +560,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
-
-
-def _read(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs and outputs as arrays, in the order of the simulator's."""
-    u = _inputs(X, simulator)
-    measured = np.require(as_signals(y, "y"), requirements=["C", "W"])
-    if len(measured) != len(u):
-        raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
-    if measured.shape[1] != len(simulator.outputs):
-        raise ValueError(
-            f"y has {measured.shape[1]} columns, the simulator has {len(simulator.outputs)} outputs: "
-            f"{[str(s) for s in simulator.outputs]}."
-        )
-    return u, measured
-
-
-def _inputs(X, simulator: Simulator) -> np.ndarray:
-    wanted = [signal.name for signal in simulator.inputs]
-    labels = column_labels(X)
-    if hasattr(X, "columns") and labels is not None:
-        names = [split_unit(label)[0] for label in labels]
-        missing = [name for name in wanted if name not in names]
-        if not missing:
-            X = X.iloc[:, [names.index(name) for name in wanted]]
-        elif len(names) != len(wanted) or any(name in names for name in wanted):
-            raise ValueError(
-                f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
-            )
-    u = np.require(as_signals(X, "X"), requirements=["C", "W"])
-    if u.shape[1] != len(wanted):
-        raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
-    return u
 
 
 def _check_motion(y: np.ndarray) -> None:

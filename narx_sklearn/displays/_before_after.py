@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
+from narx_sklearn.discrepancy.record import read_inputs
 from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,
@@ -99,7 +100,7 @@ class BeforeAfterDisplay:
                 "DiscrepancyRegressor, or use BeforeAfterDisplay.from_predictions(y_true, runs)."
             )
         simulators = compared(estimator)
-        u, measured = estimator._inputs(X), as_signals(y, "y")
+        u, measured = read_inputs(X, estimator.simulator_), as_signals(y, "y")
         check_same_length(X=u, y=measured, sessions=sessions)
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")

@@ -8,6 +8,7 @@ from narx_sklearn._validation import finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.findings import told
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.record import read_record
 from narx_sklearn.discrepancy.simulator import Run, Simulator
 from narx_sklearn.discrepancy.verify import compared, free_run
 
@@ -56,7 +57,7 @@ def gather(dx, X, y, sessions=None) -> Material:
     -------
     Material
     """
-    u, measured = (np.array(signals) for signals in dx._read(X, y))  # kernels take what may be written
+    u, measured = (np.array(signals) for signals in read_record(X, y, dx.simulator_))  # may be written to
     diagnosis = dx._diagnosis
     if len(u) != len(diagnosis.problem.u):
         raise ValueError(
