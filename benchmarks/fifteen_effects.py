@@ -1,8 +1,9 @@
 """One mass on a spring, fifteen ways to be wrong about it: named first, and down to the noise.
 
-    python benchmarks/fifteen_effects.py [--seed 0] [--noise 0.01 0.05] [--jobs 2] [--out x.json]
+    python benchmarks/fifteen_effects.py [--seed 0] [--noise 0.01 0.05] [--known narx] [--jobs 2]
 
 Every effect is recorded under 1 % and 5 % of noise; the simulation lacks it and starts from wrong parameters.
+What is known of it: its equations, a NARX model, its output alone, or a program that answers to parameters.
 The machine is stepped by semi-implicit Euler at a fortieth of the sampling period, dry friction by impulses
 (Moreau 1988), and shares no code with the package. The last fifth of each record is held out.
 """
@@ -37,6 +38,7 @@ EFFECTS = (
     "sensor_clip",
 )
 NOTHING = "none"
+KNOWN = ("equations", "narx", "trace", "program")
 DELAY = 0.07  # s
 
 
@@ -103,12 +105,34 @@ def drive(rng: np.random.Generator) -> np.ndarray:
     return levels + 0.3 * sines
 
 
-def trial(effect: str, noise: float, seed: int) -> dict:
-    """Record, diagnose, compare."""
-    from narx_sklearn import DiscrepancyRegressor, ODESimulator
+def simulation(known: str, u: np.ndarray):
+    """Return the simulator, as far as it is known."""
+    from narx_sklearn import NARXRegressor, ODESimulator
+    from narx_sklearn.discrepancy import CallableSimulator, NARXSimulator, TraceSimulator
 
     def stage(x, u, p):
         return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    equations = ODESimulator(
+        stage, dt=DT, parameters=NOMINAL, states=["position [m]", "velocity [m/s]"], inputs=["drive [V]"]
+    )
+    if known == "equations":
+        return equations
+    if known == "program":
+
+        def program(u, parameters):
+            return equations.with_parameters(parameters).simulate(u)
+
+        return CallableSimulator(program, DT, NOMINAL, ["drive [V]"], ["position [m]"])
+    y_sim = equations.simulate(u)[:, 0]
+    if known == "trace":
+        return TraceSimulator(y_sim, dt=DT)
+    return NARXSimulator(NARXRegressor(2, 2, degree=1).fit(u[:, None], y_sim).model_, dt=DT)
+
+
+def trial(effect: str, noise: float, seed: int, known: str) -> dict:
+    """Record, diagnose, compare."""
+    from narx_sklearn import DiscrepancyRegressor
 
     code = EFFECTS.index(effect) if effect in EFFECTS else -1
     rng = np.random.default_rng([seed, code + 1, round(1000 * noise)])
@@ -116,9 +140,7 @@ def trial(effect: str, noise: float, seed: int) -> dict:
     clean = machine(code, u)
     level = noise * clean.std()
     disturbance = level * rng.standard_normal(N_SAMPLES)
-    simulator = ODESimulator(
-        stage, dt=DT, parameters=NOMINAL, states=["position [m]", "velocity [m/s]"], inputs=["drive [V]"]
-    )
+    simulator = simulation(known, u)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         diagnosis = DiscrepancyRegressor(simulator, test_fraction=HELD_OUT, random_state=0).fit(
@@ -141,10 +163,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--noise", type=float, nargs="+", default=[0.01, 0.05])
+    parser.add_argument("--known", choices=KNOWN, default=KNOWN[0], help="what is known of the simulation")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", help="write the raw results to this JSON file")
     options = parser.parse_args()
-    tasks = [(effect, noise, options.seed) for effect in (*EFFECTS, NOTHING) for noise in options.noise]
+    tasks = [
+        (effect, noise, options.seed, options.known)
+        for effect in (*EFFECTS, NOTHING)
+        for noise in options.noise
+    ]
     with ProcessPoolExecutor(options.jobs) as pool:
         results = list(pool.map(trial, *zip(*tasks, strict=True)))
     rows = [
@@ -166,7 +193,7 @@ def main() -> None:
     quiet = sum(r["verdict"] in ("consistent", "refit") for r in results if r["effect"] == NOTHING)
     print(f"\nnamed first {first} of {len(cases)}; within 2 % of the noise {down} of {len(cases)}; ", end="")
     print(f"nulls without a name {quiet} of {len(results) - len(cases)}")
-    save_json(options.out, {"seed": options.seed, "results": results})
+    save_json(options.out, {"seed": options.seed, "known": options.known, "results": results})
 
 
 if __name__ == "__main__":

@@ -31,32 +31,46 @@ def state_forces(
     for theta, (_, placed) in zip(thetas, acting, strict=True):
         n = len(placed.effect.parameters)
         theta[:n] = placed.theta[:n]
-    step = 1.0 if simulator.discrete else simulator.dt / simulator.substeps
     session = windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
     arguments, values = np.zeros((2, len(acting), rows.size))
     for at, (k, began) in enumerate(zip(rows, session, strict=True)):
         x, now = run.x[k], u[k]
         slope = evaluate(simulator, x, now)[0]
-        change = (slope - x) / simulator.dt if simulator.discrete else slope.copy()
+        nominal = slope.copy()
+        change = (slope - x) / simulator.dt if simulator.discrete else nominal
         for e, (_, placed) in enumerate(acting):
             weights, port = np.array(placed.weights), placed.port.index
             second = placed.second_of(now[None], x[None])
-            arguments[e, at] = weights @ x
+            driving = np.nan if second is None else second[0]
+            arguments[e, at], rate = weights @ x, weights @ change
+            own = slope[port] - (x[port] if simulator.discrete else 0.0)
+            if placed.inertial:
+                own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
+                driving = own if second is None else driving
+                own = 0.5 * own
+                arguments[e, at] += own * simulator.dt
             values[e, at] = functions[e](
                 arguments[e, at],
-                weights @ change,
-                slope[port] - (x[port] if simulator.discrete else 0.0),
-                np.nan if second is None else second[0],
+                rate,
+                own,
+                driving,
                 (k - began) * simulator.dt,
-                step,
+                _step(placed, simulator),
                 run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
                 thetas[e],
                 np.zeros(MAX_MEMORY),
             )
-            slope[port] += values[e, at]
+            slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
                 slope[placed.onward] -= placed.theta[-1] * values[e, at]
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def _step(placed: PlacedEffect, simulator: Simulator) -> float:
+    """Return what counts as a step to a force: one increment of a map, but time where it has a memory."""
+    if simulator.discrete and not (placed.effect.n_memory or placed.inertial):
+        return 1.0
+    return simulator.dt / simulator.substeps
 
 
 def signal_change(
@@ -72,6 +86,8 @@ def signal_change(
 def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return the unit of what an effect adds: a state's rate (the state, in a map), an input, an output."""
     unit = _signals(placed, simulator)[placed.port.index].unit
+    if placed.inertial:
+        return tidy_unit(f"{unit}/s^2") if unit else ""
     if placed.port.kind != "state" or simulator.discrete:
         return unit
     return tidy_unit(f"{unit or 1}/s")
@@ -79,6 +95,8 @@ def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
 
 def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return what an effect adds to what, without the unit."""
+    if placed.inertial:
+        return f"added to the acceleration of {_signals(placed, simulator)[placed.port.index].name}"
     rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""
     return f"added to {rate}{_signals(placed, simulator)[placed.port.index].name}"
 

@@ -11,6 +11,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator
 from narx_sklearn.discrepancy.structure import Structure
+from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
 READ_OFF = {"quantisation"}
@@ -124,6 +125,8 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                         effect, Port("state", i), weights, argument_name=name, argument_unit=unit, odd=odd
                     )
                 )
+            if simulator.discrete and effect.argument == "own" and effect.code in OF_MOTION:
+                places += _on_the_move(effect, i, simulator, structure)
     return [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
@@ -134,6 +137,22 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
 
 def _at_signal(effect: Effect, port: Port, signal: Signal) -> PlacedEffect:
     return PlacedEffect(effect, port, argument_name=signal.name, argument_unit=signal.unit)
+
+
+def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Structure):
+    """Yield the place of a force on what moves in a map: it depends on the rate, from the last two values."""
+    for before in np.flatnonzero(structure.kinematic & structure.states[:, i]).tolist():
+        if structure.states[before].sum() == 1 and simulator.free_states[before]:
+            name, unit = simulator.states[i]
+            weights = _weights(len(simulator.states), {i: 1 / simulator.dt, before: -1 / simulator.dt})
+            yield PlacedEffect(
+                effect,
+                Port("state", i),
+                weights,
+                argument_name=f"rate of {name}",
+                argument_unit=tidy_unit(f"{unit}/s") if unit else "",
+                inertial=True,
+            )
 
 
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
@@ -262,6 +281,7 @@ class _Material:
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
             argument, rate = self.x @ weights, self.rates @ weights
+            own = rate if placed.inertial else own
         else:
             argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)

@@ -151,6 +151,7 @@ def _simulate_windows(
     memory,
     jumps,
     after,
+    inertial,
     p,
     x0,
     u,
@@ -175,7 +176,8 @@ def _simulate_windows(
     present argument. `tilt` says by how much each input rises within each step about its mean, u; it has no
     rows where inputs are constant there. A force that acts `after` the step too is a hard limit: within the
     step it acts at once where the limit has been reached, and then on the mean rate of the whole step, so
-    that it is met exactly.
+    that it is met exactly. An `inertial` force accelerates a map's signal, on whose rate it depends; where
+    nothing else is its second argument, that is the acceleration without it.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -196,8 +198,12 @@ def _simulate_windows(
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
     h = dt / substeps
     tilted = tilt.shape[0] > 0
-    # a map adds whole increments, so to a force its step counts as one
+    # a map adds whole increments, so to a force its step counts as one, but a memory lives in time
     force_step = 1.0 if discrete else h
+    own_step = np.full(MAX_EFFECTS, force_step)
+    for e in range(n_forces):
+        if discrete and (memory[e] > 0 or inertial[e]):
+            own_step[e] = dt
     failed = -1
     n_stages = 1 if discrete else 4
     for w in range(first.size):
@@ -262,7 +268,14 @@ def _simulate_windows(
                         other = _weighed(_row(seconds, e), now, stage)
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
-                        within = force_step * (AT_ONCE if after[e] else 1.0)
+                        within = own_step[e] * (AT_ONCE if after[e] else 1.0)
+                        if inertial[e]:
+                            own = rate + weights[e, port[e]] * (slope[r, port[e]] - nominal[port[e]]) / dt
+                            other = own if np.isnan(other) else other
+                            # the last two values tell the rate half a step ago: half of what it gains in a
+                            # step has come since, the other half is still to come
+                            own *= 0.5
+                            argument += own * dt
                         force = _force_at(force_addresses[e])(
                             argument,
                             rate,
@@ -274,7 +287,7 @@ def _simulate_windows(
                             _row(theta, e),
                             _row(dz, 4 * e + r),
                         )
-                        force *= strength[e]
+                        force *= strength[e] * (dt * dt if inertial[e] else 1.0)
                         slope[r, port[e]] += force
                         if onward[e] >= 0:
                             slope[r, onward[e]] -= theta[e, SPILL] * force
@@ -311,11 +324,36 @@ def _simulate_windows(
                     if onward[e] >= 0:
                         x[onward[e]] -= theta[e, SPILL] * force
                 for e in range(n_forces):
+                    if discrete and memory[e] > 0 and not jumps[e]:
+                        # a memory goes on in time between the samples, while what it depends on moves evenly
+                        argument = 0.0
+                        rate = 0.0
+                        for i in range(n_states):
+                            argument += weights[e, i] * before[i]
+                            rate += weights[e, i] * (x[i] - before[i]) / dt
+                        other = _weighed(_row(seconds, e), now, before)
+                        own = x[port[e]] - before[port[e]]
+                        if inertial[e]:
+                            own = 0.5 * rate
+                            argument += own * dt
+                        for r in range(4):
+                            step = 0.0 if r == 0 else (0.5 * dt if r < 3 else dt)
+                            for j in range(memory[e]):
+                                z_stage[e, j] = z[e, j] + (step * dz[4 * e + r - 1, j] if r > 0 else 0.0)
+                            _force_at(force_addresses[e])(
+                                argument + step * rate,
+                                rate,
+                                own,
+                                other,
+                                (k - began[w]) * dt + step,
+                                dt,
+                                _row(z_stage, e),
+                                _row(theta, e),
+                                _row(dz, 4 * e + r),
+                            )
                     for j in range(memory[e]):
                         if jumps[e]:
                             z[e, j] = dz[4 * e, j]
-                        elif discrete:
-                            z[e, j] += dt * dz[4 * e, j]
                         else:
                             first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
                             second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
@@ -336,8 +374,7 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         INTEGERS,
-        FLAGS,
-        FLAGS,
+        *[FLAGS] * 3,
         VECTOR,
         MATRIX,
         MATRIX,

@@ -42,6 +42,9 @@ class PlacedEffect:
         How the argument is called and its unit.
     second_name, second_unit : str
         How the second argument is called and its unit.
+    inertial : bool
+        In a map: whether the argument is the rate of the port's signal, from its last two values. The force
+        is then an acceleration, and ``dt**2`` of it is added to the signal.
     odd : bool
         Whether one meets the effect elsewhere, not at such a place.
     """
@@ -56,6 +59,7 @@ class PlacedEffect:
     argument_unit: str = ""
     second_name: str = ""
     second_unit: str = ""
+    inertial: bool = False
     odd: bool = False
 
     def at(self, theta) -> "PlacedEffect":
@@ -72,6 +76,10 @@ class PlacedEffect:
         """Lower and upper bounds of ``theta``, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
         return np.array(limits + [(0.0, 1.0)] * (self.onward >= 0), dtype=float).reshape(-1, 2)
+
+    def added(self, dt: float) -> float:
+        """Return how much of its force is added to the port in one evaluation."""
+        return dt**2 if self.inertial else 1.0
 
     @property
     def n_theta(self) -> int:

@@ -333,7 +333,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     functions = [compiled_force(placed.effect.force) for placed, _ in forces]
     port, onward = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(2))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(2))
+    jumps, after, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(3))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     strength = np.zeros(MAX_EFFECTS)
@@ -342,6 +342,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         effect = placed.effect
         port[i], onward[i] = placed.port.index, placed.onward
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
+        inertial[i] = placed.inertial
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
             seconds[i] = placed.second
@@ -350,7 +351,7 @@ def _slots(forces, n_inputs: int, n_states: int):
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
-    return addresses, n, port, onward, weights, seconds, strength, theta, memory, jumps, after
+    return addresses, n, port, onward, weights, seconds, strength, theta, memory, jumps, after, inertial
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:

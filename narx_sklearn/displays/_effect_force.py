@@ -53,7 +53,7 @@ def effect_force(problem: Problem, model: Model, index: int, most_points: int) -
         return EffectForce(argument, fitted, fitted + residual[rows, placed.port.index])
     linear = tangent(simulator, run, problem.u, problem.windows)
     lacking = latent_force(linear, residual, problem.windows, placed.port)
-    return EffectForce(argument, fitted, fitted + lacking.w[rows])
+    return EffectForce(argument, fitted, fitted + lacking.w[rows] / placed.added(simulator.dt))
 
 
 def labels(placed: PlacedEffect, simulator: Simulator) -> tuple[str, str]:

@@ -72,6 +72,7 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
     if placed.port.kind == "state":
         argument, fitted = force
         at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
+        needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
         signal = material.u if placed.port.kind == "input" else run.y
         at = signal[rows, placed.port.index]
