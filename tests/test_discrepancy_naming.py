@@ -7,7 +7,7 @@ import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
+from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, held_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
@@ -443,6 +443,19 @@ class TestSlowAndLate:
         effects = ["sensor_bias", "cubic_stiffness", "lag"]
         found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
         assert found.findings_[0].effect == "sensor_bias"
+
+    @pytest.mark.parametrize(
+        ("code", "port", "asked"),
+        [
+            ("cubic_stiffness", "state", [(True, False)]),
+            ("additive_drift", "output", [(False, False)]),
+            ("sensor_bias", "output", [(False, False), (True, True)]),
+            ("constant_load", "state", [(True, False), (True, True)]),
+        ],
+    )
+    def test_what_is_always_there_must_beat_noise_that_goes_on_from_zero(self, code, port, asked):
+        placed = PlacedEffect(CATALOGUE[code], Port(port, 0))
+        assert [(n.may_drift, n.from_zero) for n in held_against(placed)] == asked
 
     @pytest.mark.parametrize("drift", [0.0, 0.004])
     def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self, drift):

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 
 ROUNDS = 4  # of noise and model in turn, at most
 COLOUR = 2.0  # price of a coefficient of the noise
-DRIFT, OFFSET = "additive_drift", "sensor_bias"
+DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
 CLEARER = 10.0  # difference of the deviance that makes a noise clearly the likelier
 ENOUGH = 0.5  # of the deviance: a round that gains less is the last
 
@@ -51,11 +51,11 @@ def held_against(effect: PlacedEffect) -> list[Noises]:
     """Return the noises to each of which an effect must be preferred.
 
     Noise that drifts is as good as a drift of an output, and within a window as an offset: these two are held
-    against noise that does not, an offset against noise that begins at zero too.
+    against noise that does not. What is always there, an offset or a load, is held against noise that begins
+    at zero too and goes on, for such noise may stay on one side as long.
     """
-    if effect.port.kind != "output" or effect.effect.code not in (DRIFT, OFFSET):
-        return [ANY]
-    return [Noises(may_drift=False)] + [Noises(from_zero=True)] * (effect.effect.code == OFFSET)
+    own = effect.port.kind == "output" and effect.effect.code in (DRIFT, OFFSET)
+    return [Noises(may_drift=not own)] + [Noises(from_zero=True)] * (effect.effect.code in (OFFSET, LOAD))
 
 
 def deviance(problem: Problem, model: Model, noises: Noises = ANY) -> float:
