@@ -9,7 +9,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
-from narx_sklearn import DiscrepancyRegressor, NARXModel, ODESimulator
+from narx_sklearn import DiscrepancyRegressor, NARXModel, NARXRegressor, ODESimulator
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
@@ -230,7 +230,15 @@ class TestRefusals:
         with pytest.raises(ValueError, match=words):
             DiscrepancyRegressor(nominal(), **settings).fit(self.u, self.y)
 
-    def test_a_plain_function_is_no_simulator(self):
+    def test_what_is_no_simulator_is_told_how_to_become_one(self):
+        model = NARXModel.from_equations("0.5*y[k-1] + u[k-1]")
+        for given, way in (
+            (model, r"NARXSimulator\(model, dt"),
+            (NARXRegressor(), "NARXSimulator.estimator"),
+            (np.zeros(9), r"TraceSimulator\(y_sim"),
+        ):
+            with pytest.raises(TypeError, match=way):
+                DiscrepancyRegressor(given).fit(np.zeros((9, 1)), np.zeros(9))
         with pytest.raises(TypeError, match="goes into ODESimulator"):
             DiscrepancyRegressor(stage).fit(self.u, self.y)
 

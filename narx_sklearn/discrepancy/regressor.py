@@ -43,6 +43,7 @@ from narx_sklearn.discrepancy.verify import (
     squared_errors,
 )
 from narx_sklearn.identification import NARXRegressor
+from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 SECOND_LOOK = 0.25  # of alpha
@@ -410,8 +411,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not isinstance(self.simulator, Simulator):
             raise TypeError(
                 "simulator must be a Simulator such as ODESimulator(...), got "
-                f"{type(self.simulator).__name__}. "
-                "A plain function f(x, u, p) goes into ODESimulator(f, dt=..., parameters=..., ...)."
+                f"{type(self.simulator).__name__}. {_way_in(self.simulator)}"
             )
         if not 0 < self.alpha < 1:
             raise ValueError(f"alpha is a probability between 0 and 1, got {self.alpha!r}.")
@@ -560,6 +560,20 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _way_in(given) -> str:
+    """Return how what was given in a simulator's place becomes one."""
+    if isinstance(given, NARXModel):
+        return "A NARX model goes into NARXSimulator(model, dt=...)."
+    if isinstance(given, BaseEstimator):
+        return "The model of a fitted estimator goes into NARXSimulator(estimator.model_, dt=...)."
+    if hasattr(given, "__array__"):
+        return "A simulated output goes into TraceSimulator(y_sim, dt=...)."
+    return (
+        "A plain function f(x, u, p) goes into ODESimulator(f, dt=..., parameters=..., ...), a program "
+        "simulate(u, parameters) into CallableSimulator."
+    )
 
 
 def _check_motion(y: np.ndarray) -> None:
