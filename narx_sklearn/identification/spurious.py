@@ -202,7 +202,9 @@ def detect_spurious_clusters(
             others = factor.subset(np.flatnonzero(~own))
             without = search_terms(others, chosen_size, search="floating", output=output).rss[-1]
             growth = float((without + floor) / (path.rss[chosen_size] + floor))
-            error = _standard_error(factor, path, np.where(own, scales, 0.0))
+            if abs(without - path.rss[chosen_size]) <= floor:
+                growth = 1.0  # which of two exact models leaves less is rounding
+            error = _standard_error(factor, path, np.where(own, scales, 0.0), floor)
             found.append(_examine(cluster, parameters[:, own], chosen_size, error, growth))
     found.sort(key=lambda one: one.first_size)
     return ClusterReport(tuple(found), path.sizes, chosen_size)
@@ -218,14 +220,17 @@ def _parameters_by_size(factor: Factor, path: SelectionPath, output: int) -> np.
     return parameters
 
 
-def _standard_error(factor: Factor, path: SelectionPath, weights: np.ndarray) -> float:
-    """Return the standard error of a weighted sum of the parameters of the largest set (white residuals)."""
+def _standard_error(factor: Factor, path: SelectionPath, weights: np.ndarray, floor: float) -> float:
+    """Return the standard error of a weighted sum of the parameters of the largest set (white residuals).
+
+    The residuals of an exact model are rounding, of at least the ``floor``.
+    """
     columns = sorted(path.supports[-1])
     R = factor.subset(columns).Psi
     norms = np.linalg.norm(R, axis=0)
     direction = np.linalg.pinv(R / norms).T @ (weights[columns] / norms)
     spare = max(path.n_samples - len(columns), 1)
-    return float(np.sqrt(path.rss[-1] / spare) * np.linalg.norm(direction))
+    return float(np.sqrt((path.rss[-1] + floor) / spare) * np.linalg.norm(direction))
 
 
 def _examine(
