@@ -176,7 +176,7 @@ def test_parameters_move_the_program_in_runs_from_any_state():
     moved = sim.run(u, windows, x0, np.array([2.2, 0.8])).y
     expected = 1.1 * y  # but the second window begins where it was told to, and forgets it at the pole's rate
     expected[100:, 0] += -0.1 * y[100, 0] * 0.8 ** np.arange(200)
-    np.testing.assert_allclose(moved, expected, atol=1e-7)
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
 
 
 def resonator(x, u, p):

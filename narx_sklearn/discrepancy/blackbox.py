@@ -168,7 +168,7 @@ class CallableSimulator(TwinSimulator):
         found = fit(as_record(twin, u, own, windows), start, tolerance=EXACT)
         return found.model.p if np.isfinite(found.cost) else guess
 
-    def _nearest(self, p: np.ndarray) -> "Centre":
+    def _nearest(self, p: np.ndarray) -> Centre:
         away = [np.linalg.norm((p - centre.p) / self._size(centre.p)) for centre in self._centres]
         return self._centres[int(np.argmin(away))]
 
@@ -189,7 +189,7 @@ class CallableSimulator(TwinSimulator):
         there = self._missed(driven if self.twin_error_ > GOOD_ENOUGH else u, centre.p, pieces)
         return there + self._slope_of_missed(u, centre, pieces) @ (p - centre.p)
 
-    def _slope_of_missed(self, u, centre: "Centre", pieces) -> np.ndarray:
+    def _slope_of_missed(self, u, centre: Centre, pieces) -> np.ndarray:
         """Return how the parameters change what is missed, (n_samples, n_outputs, n_parameters)."""
         key = (u.shape, hash(u.tobytes()), centre.p.tobytes(), tuple((a.start, a.stop) for a in pieces))
         if key not in self._slopes:

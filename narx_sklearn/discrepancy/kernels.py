@@ -132,6 +132,17 @@ def _weighed(weights, now, states):
     return total
 
 
+@njit(nogil=True, inline="always")
+def _moved(weights, effect, before, after, step):
+    """Return an effect's argument where a step began and its mean rate over the step."""
+    argument = 0.0
+    rate = 0.0
+    for i in range(before.size):
+        argument += weights[effect, i] * before[i]
+        rate += weights[effect, i] * (after[i] - before[i]) / step
+    return argument, rate
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
@@ -300,11 +311,7 @@ def _simulate_windows(
                 for e in range(n_forces):
                     if not after[e]:
                         continue
-                    argument = 0.0
-                    rate = 0.0
-                    for i in range(n_states):
-                        argument += weights[e, i] * before[i]
-                        rate += weights[e, i] * (x[i] - before[i]) / h
+                    argument, rate = _moved(weights, e, before, x, h)
                     other = _weighed(_row(seconds, e), now, before)
                     own = (x[port[e]] - before[port[e]]) / force_step
                     time = (k - began[w]) * dt + s * h
@@ -326,11 +333,7 @@ def _simulate_windows(
                 for e in range(n_forces):
                     if discrete and memory[e] > 0 and not jumps[e]:
                         # a memory goes on in time between the samples, while what it depends on moves evenly
-                        argument = 0.0
-                        rate = 0.0
-                        for i in range(n_states):
-                            argument += weights[e, i] * before[i]
-                            rate += weights[e, i] * (x[i] - before[i]) / dt
+                        argument, rate = _moved(weights, e, before, x, dt)
                         other = _weighed(_row(seconds, e), now, before)
                         own = x[port[e]] - before[port[e]]
                         if inertial[e]:

@@ -99,8 +99,7 @@ class TraceSimulator(TwinSimulator):
         self.parameters = twin.simulator.parameters
 
     def _correction(self, u, driven, p, pieces):
-        # the trace is of the twin as identified; refitted, the twin's error stays what it was
-        # and the trace does not answer to another input
+        # the trace is of the twin as identified and of one input; the twin's error stays what it was there
         return self._missed(u, self._stepped().nominal, pieces)
 
     def _simulated(self, u, p, pieces):
