@@ -557,9 +557,13 @@ def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.01,))
     pair = fit(problem, base.model._replace(effects=(friction(0.4), load)))
     two = Candidate(pair, problem.n_seen)
-    better = pair._replace(cost=0.999 * pair.cost, model=pair.model._replace(effects=(friction(0.4),)))
     assert _decide(base, two, (), None, (1.0, 0.0), 0.005) == "explained"
-    assert _decide(base, two, (), Candidate(better, problem.n_seen), (1.0, 0.0), 0.005) == "unknown"
+    for share, verdict in ((0.002, "explained"), (0.02, "unknown")):  # of what two names explain
+        cost = pair.cost - share * (base.cost - pair.cost)
+        curve = pair._replace(cost=cost, model=pair.model._replace(effects=(friction(0.4),)))
+        found = Candidate(curve, problem.n_seen)
+        assert found.criterion < two.criterion
+        assert _decide(base, two, (), found, (1.0, 0.0), 0.005) == verdict
 
 
 def test_noise_that_drifts_has_slow_power_and_never_lacks_it():

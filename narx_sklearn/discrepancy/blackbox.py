@@ -58,7 +58,7 @@ class CallableSimulator(TwinSimulator):
         Names with units in brackets.
     regressor : NARXRegressor, default=None
         How to identify the twin; None tries a linear differential equation of first or second order, then
-        NARX models of growing richness.
+        one or two stores that drain by a power of their level, then NARX models of growing richness.
 
     Attributes
     ----------

@@ -26,13 +26,14 @@ def coloured_search(
     settings.tell("colour of the noise")
     hypotheses = hypotheses_of(problem, refitted, structure, settings)
     bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
-    residual = flexible_residual(bank, problem.n_seen)[0].reshape(problem.seen.shape) * problem.noise.sigma
+    residual = _without_structure(problem, bank)
     bank = bank.without_columns()
     known = _leading(problem, refitted, bank, settings)
     dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
     if dominated:
-        # mostly structure, far from what its tangents show: only a full fit lets the noise be seen
-        residual = problem.left_over(known[0].fit.model)
+        # mostly structure, far from what its tangents show: only beside a full fit is the rest near them
+        rest = [h for h in hypotheses if h.placed.place not in known[0].places]
+        residual = _without_structure(problem, make_bank(problem, known[0].fit, rest, settings.n_jobs))
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model)
     settings.tell("search for missing physics")
@@ -43,6 +44,12 @@ def coloured_search(
             break
         problem, refitted, steps = again
     return problem, refitted, steps
+
+
+def _without_structure(problem: Problem, bank: Bank) -> np.ndarray:
+    """Return what is left of the outputs, (W, L, n_outputs), when a bank's best columns are fitted freely."""
+    residual = flexible_residual(bank, problem.n_seen)[0]
+    return residual.reshape(problem.seen.shape) * problem.noise.sigma
 
 
 def _under_clearer_noise(

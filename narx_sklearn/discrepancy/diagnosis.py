@@ -22,7 +22,13 @@ from narx_sklearn.discrepancy.explain import (
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
-from narx_sklearn.discrepancy.lookalikes import declared_rival, likeliest, look_alikes, special_cases
+from narx_sklearn.discrepancy.lookalikes import (
+    REFINES,
+    declared_rival,
+    likeliest,
+    look_alikes,
+    special_cases,
+)
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -381,9 +387,8 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alp
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
     if unnamed is not None and unnamed.criterion < best.criterion:
-        if several:
-            return "unknown"  # one curve does better than two names: they only stand in for it
-        more = best.fit.cost - unnamed.fit.cost
-        if more > UNEXPLAINED * (refitted.cost - unnamed.fit.cost):
+        # one curve that does visibly better than two names has them stand in for it
+        tolerated = REFINES if several else UNEXPLAINED
+        if best.fit.cost - unnamed.fit.cost > tolerated * (refitted.cost - unnamed.fit.cost):
             return "unknown"
     return "ambiguous" if any(alternatives) else "explained"

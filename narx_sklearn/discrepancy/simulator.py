@@ -4,7 +4,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -128,7 +128,7 @@ class Simulator(ABC):
         """Bounds of the parameters, shape (n_parameters, 2)."""
         return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
 
-    def with_parameters(self, values) -> "Simulator":
+    def with_parameters(self, values) -> Self:
         """Return a copy with other parameter values (a mapping by name, or all in order)."""
         new = copy(self)
         if isinstance(values, Mapping):
@@ -146,7 +146,7 @@ class Simulator(ABC):
             )
         return new
 
-    def with_effects(self, effects: Sequence[PlacedEffect]) -> "Simulator":
+    def with_effects(self, effects: Sequence[PlacedEffect]) -> Self:
         """Return a copy in which these effects act (and no others)."""
         new = copy(self)
         new.effects = tuple(effects)

@@ -10,8 +10,8 @@ from narx_sklearn.discrepancy.twin import TwinSimulator, identify_twin
 class TraceSimulator(TwinSimulator):
     """Stand in for a simulator of which only a simulated output is known.
 
-    A model, the twin, is identified from the input and the simulated output: an equation of motion where one
-    runs like the trace, else a NARX model. It takes effects, initial states and parameter changes; on the
+    A model, the twin, is identified from the input and the simulated output: a differential equation where
+    one runs like the trace, else a NARX model. It takes effects, initial states and parameter changes; on the
     record itself its error is added back, so that a run there is the trace. How well it stands in is
     ``twin_error_``.
 
@@ -29,7 +29,7 @@ class TraceSimulator(TwinSimulator):
         One label a sample; where it changes another recording begins.
     regressor : NARXRegressor, default=None
         How to identify the twin; None tries a linear differential equation of first or second order, then
-        NARX models of growing richness.
+        one or two stores that drain by a power of their level, then NARX models of growing richness.
 
     Attributes
     ----------

@@ -14,6 +14,8 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, _transformed
 from narx_sklearn.discrepancy.start import fit_initial_states
+from narx_sklearn.discrepancy.stores import identify_stores
+from narx_sklearn.discrepancy.trace_fit import read_trace
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.metrics import nrmse
@@ -25,6 +27,7 @@ POOR = 0.05  # above it a warning says that the twin is not the simulator
 FEWEST_SAMPLES = 40
 REMEMBERED = 16  # corrections kept: one for each parameter that is moved, and the nominal one
 
+EQUATIONS = (identify_motion, identify_stores)
 # (lags, degree, delay), from simple to rich. A map of n states needs n lags; delay 0 comes last, for a
 # simulator whose output follows its input at once.
 CANDIDATES = (
@@ -42,7 +45,7 @@ class Twin(NamedTuple):
 
 
 def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin:
-    """Identify a model that simulates like another simulator: an equation of motion, else a NARX model.
+    """Identify a model that simulates like another simulator: a differential equation, else a NARX model.
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
         One label a sample.
     regressor : NARXRegressor, optional
         How to identify it; by default a linear differential equation of first or second order is tried, then
-        NARX models of growing richness, until one is good enough.
+        stores that drain one into the next, then NARX models of growing richness, until one is good enough.
 
     Returns
     -------
@@ -83,9 +86,9 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
         )
     labels = _halves(session_slices(sessions, n_samples), n_samples)
     training = labels % 2 == 0
-    motion = None if regressor is not None else identify_motion(u, y_sim, labels, dt, GOOD_ENOUGH)
-    if motion is not None and motion[1] < GOOD_ENOUGH:
-        return Twin(*motion)
+    equation = None if regressor is not None else _equation(u, y_sim, labels, dt)
+    if equation is not None and equation.error < GOOD_ENOUGH:
+        return equation
     regressors = [regressor] if regressor is not None else map(_regressor, *zip(*CANDIDATES, strict=True))
     best = refused = None
     for candidate in regressors:
@@ -108,8 +111,8 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
         ) from refused
     model, error = best
     twin = Twin(NARXSimulator(model, dt), float(error))
-    if motion is not None and motion[1] < error:
-        twin = Twin(*motion)
+    if equation is not None and equation.error < error:
+        twin = equation
     if twin.error > POOR:
         warnings.warn(
             f"The twin of the simulator misses held-out simulated output by {100 * twin.error:.1f} % of its "
@@ -119,6 +122,21 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
             stacklevel=3,
         )
     return twin
+
+
+def _equation(u, y_sim, labels: np.ndarray, dt: float) -> Twin | None:
+    """Return the differential equation that runs most like a trace, the first that is good enough."""
+    trace = read_trace(u, y_sim, labels, dt)
+    if trace is None:
+        return None
+    best = None
+    for identify in EQUATIONS:
+        found = identify(trace, GOOD_ENOUGH)
+        if found is not None and (best is None or found[1] < best.error):
+            best = Twin(*found)
+        if best is not None and best.error < GOOD_ENOUGH:
+            break
+    return best
 
 
 def _regressor(lags: int, degree: int, delay: int) -> NARXRegressor:
