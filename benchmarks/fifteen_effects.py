@@ -4,9 +4,9 @@
 
 Every effect is recorded under 1 % and 5 % of noise; the simulation lacks it and starts from wrong parameters.
 What is known of it: its equations, a NARX model, its output alone, or a program that answers to parameters.
-The machine is stepped by semi-implicit Euler at a four-hundredth of the sampling period, dry friction by
-impulses (Moreau 1988), and shares no code with the package. (At a fortieth, the Euler steps' own error stands out
-of 1 % of noise, and is reported.) The last fifth of each record is held out.
+The machine is stepped by semi-implicit Euler at a four-hundredth of the sampling period (at a fortieth, the
+steps' own error stands out of 1 % of noise), dry friction by impulses (Moreau 1988), and shares no code with
+the package. The last fifth of each record is held out.
 """
 
 import argparse

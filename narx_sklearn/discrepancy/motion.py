@@ -6,6 +6,7 @@ Lagged outputs are states of a map, not of a machine: nothing moves in them, so 
 place there. Where a position and its velocity reproduce the trace, they are the better twin.
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,7 @@ from narx_sklearn.discrepancy.simulator import Parameter, Signal
 from narx_sklearn.discrepancy.trace_fit import (
     Trace,
     TracedEquation,
-    fitted,
+    best_fitted,
     linear_map,
     quotient,
     without_idle_terms,
@@ -78,7 +79,7 @@ def _equation(order: int, places: tuple[str, ...]):
     return compiled_source("def write(x, u, p, written):\n    " + "\n    ".join(lines), {}, {}, "The twin")
 
 
-def identify_motion(trace: Trace, good_enough: float) -> tuple[TracedEquation, float] | None:
+def identify_motion(trace: Trace, good_enough: float) -> tuple[MotionSimulator, float] | None:
     """Return the equation of motion that runs like a trace, and its error; None where there is none.
 
     Parameters
@@ -89,34 +90,27 @@ def identify_motion(trace: Trace, good_enough: float) -> tuple[TracedEquation, f
 
     Returns
     -------
-    (TracedEquation, float) or None
+    (MotionSimulator, float) or None
     """
-    best = None
-    for order in ORDERS:
-        for linear_hold in (False, True):
-            start = _start(trace, order, linear_hold)
-            found = None if start is None else fitted(trace, start)
-            if found is not None and (best is None or found[1] < best[1]):
-                best = found
-        if best is not None and best[1] < good_enough:
-            return without_idle_terms(trace, *best)
-    return best
+    best = best_fitted(trace, (_starts(trace, order) for order in ORDERS), good_enough)
+    return best if best is None or best[1] >= good_enough else without_idle_terms(trace, *best)
 
 
-def _start(trace: Trace, order: int, linear_hold: bool) -> TracedEquation | None:
-    """Return an equation with the poles of the linear map through the trace, other coefficients zero."""
+def _starts(trace: Trace, order: int) -> Iterator[MotionSimulator]:
+    """Yield equations with the poles of the linear map through the trace, other coefficients zero."""
     linear = linear_map(trace, order)
     if linear is None:
-        return None
+        return
     names = [trace.output.name, f"{trace.output.name}'"][:order]
     terms = [*names, *(signal.name for signal in trace.inputs), "1"]
-    simulator = MotionSimulator(
-        order,
-        terms,
-        trace.inputs,
-        trace.output,
-        dt=trace.dt,
-        substeps=linear.substeps,
-        linear_hold=linear_hold,
-    )
-    return simulator.with_parameters(dict(zip(names, -np.poly(linear.poles).real[:0:-1], strict=True)))
+    for linear_hold in (False, True):
+        simulator = MotionSimulator(
+            order,
+            terms,
+            trace.inputs,
+            trace.output,
+            dt=trace.dt,
+            substeps=linear.substeps,
+            linear_hold=linear_hold,
+        )
+        yield simulator.with_parameters(dict(zip(names, -np.poly(linear.poles).real[:0:-1], strict=True)))

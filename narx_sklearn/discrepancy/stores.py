@@ -6,6 +6,7 @@ A tank under Torricelli's law (m = 1/2), a vessel behind a valve, a body that ra
 a store before the one measured is counted such that what leaves it raises the next as much.
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import permutations, product
 
@@ -18,6 +19,7 @@ from narx_sklearn.discrepancy.trace_fit import (
     Trace,
     TracedEquation,
     as_good,
+    best_fitted,
     fitted,
     linear_map,
     quotient,
@@ -128,7 +130,7 @@ def _equation(fed: tuple[str, ...], powers: tuple[str, ...], levels: tuple[float
     return compiled_source("def write(x, u, p, written):\n    " + "\n    ".join(lines), {}, {}, "The twin")
 
 
-def identify_stores(trace: Trace, good_enough: float) -> tuple[TracedEquation, float] | None:
+def identify_stores(trace: Trace, good_enough: float) -> tuple[StoresSimulator, float] | None:
     """Return the stores in a row that run like a trace, and their error; None where there are none.
 
     Parameters
@@ -139,22 +141,17 @@ def identify_stores(trace: Trace, good_enough: float) -> tuple[TracedEquation, f
 
     Returns
     -------
-    (TracedEquation, float) or None
+    (StoresSimulator, float) or None
     """
     if trace.y.min() < -EMPTY * trace.y.std():
         return None
-    best = None
-    for count in COUNTS:
-        for start in _starts(trace, count):
-            found = fitted(trace, start)
-            if found is not None and (best is None or found[1] < best[1]):
-                best = found
-            if best is not None and best[1] < good_enough:
-                return without_idle_terms(trace, *_settled(trace, *best))
-    return best
+    best = best_fitted(trace, (_starts(trace, count) for count in COUNTS), good_enough)
+    if best is None or best[1] >= good_enough:
+        return best
+    return without_idle_terms(trace, *_settled(trace, *best))
 
 
-def _starts(trace: Trace, count: int):
+def _starts(trace: Trace, count: int) -> Iterator[StoresSimulator]:
     """Yield stores that drain at their mean levels as the linear map through the trace does."""
     linear = linear_map(trace, count)
     level = trace.y.mean()
@@ -182,7 +179,7 @@ def _starts(trace: Trace, count: int):
         yield simulator.with_parameters(values)
 
 
-def _settled(trace: Trace, simulator: StoresSimulator, error: float) -> tuple[TracedEquation, float]:
+def _settled(trace: Trace, simulator: StoresSimulator, error: float) -> tuple[StoresSimulator, float]:
     """Return the stores with powers that are no longer parameters: halves, where these run as well."""
     powers = simulator.drains()[1].tolist()
     halves = [max(round(2 * power), 1) / 2 for power in powers]

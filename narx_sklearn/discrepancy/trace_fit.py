@@ -1,7 +1,7 @@
 """Differential equations fitted to a simulated output: what is common to all that may stand behind one."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple, Self, TypeVar
 
@@ -129,6 +129,22 @@ def linear_map(trace: Trace, order: int) -> LinearMap | None:
     if poles.size < order or substeps > MOST_STEPS or np.any(poles.imag * trace.dt >= np.pi):
         return None
     return LinearMap(poles, gains, max(substeps, 1))
+
+
+def best_fitted(
+    trace: Trace, rounds: Iterable[Iterable[Equation]], good_enough: float
+) -> tuple[Equation, float] | None:
+    """Return the equation that runs most like a trace, and its error, fitted from one round of starts after
+    another until one is good enough; None where none could be fitted."""
+    best = None
+    for starts in rounds:
+        for start in starts:
+            found = fitted(trace, start)
+            if found is not None and (best is None or found[1] < best[1]):
+                best = found
+        if best is not None and best[1] < good_enough:
+            break
+    return best
 
 
 def fitted(trace: Trace, simulator: Equation) -> tuple[Equation, float] | None:
