@@ -142,6 +142,14 @@ class TestFindings:
         assert plan.separation > 3.0  # standard deviations of the noise
         assert plan.table["separation"].is_monotonic_decreasing
 
+    def test_an_experiment_goes_about_the_middle_of_the_record_unless_told(self, cubic):
+        dx, _, _, _ = cubic
+        assert dx._middle_input == 0.0
+        plan = dx.next_experiment(
+            amplitude=0.5, n_samples=400, between=["cubic_stiffness", "sensor_bias"], offset=2.0
+        )
+        assert np.all(np.abs(plan.u - 2.0) <= 0.5 + 1e-9)
+
     def test_the_corrected_simulation_becomes_a_narx_model(self, cubic):
         dx, u, _, _ = cubic
         model = dx.to_narx(u)

@@ -101,7 +101,7 @@ def diagnose_case(folder: Path, options: dict) -> tuple[dict, dict]:
             folder,
         )
         verdict = _describe(dx)
-        verdict["next_input"] = _proposal(dx, verdict["verdict"], u)
+        verdict["next_input"] = _proposal(dx, verdict["verdict"], u, nominal.SWING)
     verdict["warnings"] = sorted({str(w.message)[:300] for w in caught})
     return verdict, predictions
 
@@ -188,12 +188,12 @@ def _as_list(value):
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
-def _proposal(dx, verdict, u):
+def _proposal(dx, verdict, u, swing):
     """Return the input that the diagnosis would like to see next, where it could not decide."""
     if verdict != "ambiguous" or not hasattr(dx, "next_experiment"):
         return None
-    swing = float(np.max(np.abs(u.iloc[:, 0] - u.iloc[:, 0].mean())))
-    plan = dx.next_experiment(amplitude=swing, n_samples=EXPERIMENT_SAMPLES)
+    recorded = float(np.ptp(u.iloc[:, 0])) / 2
+    plan = dx.next_experiment(amplitude=swing or recorded, n_samples=EXPERIMENT_SAMPLES)
     signal = getattr(plan, "u", plan)
     return np.asarray(signal, dtype=float).reshape(EXPERIMENT_SAMPLES, -1).tolist()
 

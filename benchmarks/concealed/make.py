@@ -29,6 +29,7 @@ INPUTS = {inputs!r}
 OUTPUTS = {outputs!r}
 PARAMETERS = {parameters}
 X0 = {x0!r}  # state at the start of every recording, as the user believes it
+SWING = {swing!r}  # of the first input about its middle, as far as an experiment may go; None: as recorded
 
 
 {source}'''
@@ -132,6 +133,7 @@ def _nominal_source(case):
         inputs=machine.inputs,
         outputs=machine.outputs,
         parameters=parameters,
+        swing=None if case.spec.closed_loop else machine.amplitude,
         x0=tuple(float(f"{v:.6g}") for v in case.rig.rest()),
         source=source,
     )

@@ -107,8 +107,7 @@ def propose(dx: DiscrepancyRegressor, recording: Recording):
     if dx.verdict_ != "ambiguous":
         return None
     u = recording.u.iloc[:, 0]
-    half, middle = (u.max() - u.min()) / 2, (u.max() + u.min()) / 2
-    return dx.next_experiment(half, min(len(u), LONGEST), offset=middle)
+    return dx.next_experiment((u.max() - u.min()) / 2, min(len(u), LONGEST))
 
 
 def _codes(text: str) -> list[str]:

@@ -17,6 +17,8 @@ from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace
 from narx_sklearn.signals import loading_unloading, multisine
 
+NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
+AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
 
 
@@ -72,7 +74,8 @@ def design_experiment(
     noise : Noise
         Noise of the measurement.
     amplitude, offset : float
-        The input stays within ``offset - amplitude`` and ``offset + amplitude``.
+        The input stays within ``offset - amplitude`` and ``offset + amplitude``. The experiment begins where
+        the simulation rests at the offset, if it does.
     n_samples : int
         Length of the experiment.
     rate : float, optional
@@ -85,16 +88,18 @@ def design_experiment(
     if not amplitude > 0:
         raise ValueError(f"amplitude must be positive, got {amplitude!r}.")
     some = next(iter(simulators.values()))
-    base = np.zeros(len(some.inputs)) if held is None else np.asarray(held, dtype=float)
+    base = np.zeros(len(some.inputs)) if held is None else np.array(held, dtype=float)
     rows, best = [], None
-    for kind, shape in _designs(some, n_samples, random_state):
+    base[column] = offset
+    starts = {name: _settled(simulator, base, n_samples) for name, simulator in simulators.items()}
+    for kind, shape in _designs(some, starts[next(iter(simulators))], base, n_samples, random_state):
         signal = _limited(amplitude * shape, rate, some.dt) + offset
         u = np.tile(base, (n_samples, 1))
         u[:, column] = signal
         distances = {}
         for a, b in combinations(simulators, 2):
-            there = _distance(simulators[a], simulators[b], u, noise)
-            back = _distance(simulators[b], simulators[a], u, noise)
+            there = _distance(simulators[a], simulators[b], u, starts[a], noise)
+            back = _distance(simulators[b], simulators[a], u, starts[b], noise)
             distances[f"{a} / {b}"] = min(there, back)
         worst = min(distances.values())
         rows.append({"design": kind, "separation": worst, "chance": chance(worst), **distances})
@@ -107,19 +112,36 @@ def design_experiment(
     return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
 
 
+def middle_of(u: np.ndarray) -> np.ndarray:
+    """Return the middle of the range of each input of a record (n, n_inputs), zero where that is near it."""
+    lowest, highest = np.nanmin(u, axis=0), np.nanmax(u, axis=0)
+    middle = (lowest + highest) / 2
+    return np.where(np.abs(middle) <= NEAR_ZERO * (highest - lowest) / 2, 0.0, middle)
+
+
 def chance(separation: float) -> float:
     """Return the chance that two rivals at this distance are told apart at the 5 % level."""
     return float(norm.cdf(separation / 2 - norm.ppf(0.95) / 2)) if np.isfinite(separation) else 1.0
 
 
-def _designs(simulator: Simulator, n: int, random_state):
-    """Yield (words, signal within -1 and 1): slow and fast, small and large, with and without steps."""
+def _settled(simulator: Simulator, u: np.ndarray, n: int) -> np.ndarray:
+    """Return the states (n_states,) to which n samples of a constant input lead; zero if it does not rest."""
+    windows = Windows.whole([slice(0, n)])
+    x = simulator.run(np.tile(u, (n, 1)), windows, np.zeros((1, len(simulator.states)))).x
+    with np.errstate(invalid="ignore", over="ignore"):
+        late, all_along = np.ptp(x[-(n // 4) - 1 :], axis=0), np.ptp(x, axis=0)
+    return x[-1] if np.all(late <= AT_REST * all_along) else np.zeros(len(simulator.states))
+
+
+def _designs(simulator: Simulator, x: np.ndarray, u: np.ndarray, n: int, random_state):
+    """Yield (words, signal within -1 and 1): slow and fast, small and large, with and without steps.
+
+    Slow and fast are measured by the pace of the simulator at states x under the inputs u.
+    """
     dt = simulator.dt
     rng = np.random.default_rng(random_state)
     with np.errstate(all="ignore"):
-        constant = find_pace(
-            simulator, np.zeros((1, len(simulator.states))), np.zeros((1, len(simulator.inputs)))
-        ).time_constant
+        constant = find_pace(simulator, x[None], u[None]).time_constant
     corner = 1 / (2 * np.pi * constant) if constant > 0 else 20 / (n * dt)
     ladder = np.repeat([0.1, 0.25, 0.5, 1.0], -(-n // 4))[:n]
     for factor in (0.3, 1.0, 3.0, 10.0):
@@ -155,10 +177,10 @@ def _limited(signal: np.ndarray, rate: float | None, dt: float) -> np.ndarray:
     return out
 
 
-def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, noise: Noise) -> float:
+def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, start: np.ndarray, noise: Noise) -> float:
     """Return how far the rival, refitted, stays from the truth's output, in noise standard deviations."""
     windows = Windows.whole([slice(0, len(u))])
-    x0 = np.zeros((1, len(truth.states)))
+    x0 = start[None]
     y = truth.run(u, windows, x0).y
     if not np.all(np.isfinite(y)):
         return 0.0

@@ -20,7 +20,7 @@ from narx_sklearn._validation import (
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
-from narx_sklearn.discrepancy.experiment import design_experiment
+from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.location import locate
@@ -221,6 +221,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if labels is not None and all(isinstance(label, str) for label in labels):
             self.feature_names_in_ = np.array(labels, dtype=object)
         self._mean_input = np.nanmean(u, axis=0)
+        self._middle_input = middle_of(u)
         self._store(diagnosis, u, measured, self._split(u, sessions)[1])
         return self
 
@@ -284,7 +285,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             raise ValueError(f"No session is longer than the {n_init} samples that fix the initial state.")
         return float(np.mean(1 - errors / np.where(spread > 0, spread, np.nan)))
 
-    def next_experiment(self, amplitude, n_samples, between=None, *, offset=0.0, rate=None, column=0):
+    def next_experiment(self, amplitude, n_samples, between=None, *, offset=None, rate=None, column=0):
         """Design the input that best separates what these data could not tell apart.
 
         Parameters
@@ -296,8 +297,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         between : list of str, optional
             Codes of the effects to separate; by default the first finding and its look-alikes, or, when it
             has none, the best three explanations.
-        offset : float, default=0.0
-            Middle of the input.
+        offset : float, optional
+            Middle of the input; by default that of the range which it covers in the record, zero where that
+            is within a tenth of the range's half.
         rate : float, optional
             Largest change of the input in one second.
         column : int, default=0
@@ -316,6 +318,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         rivals = self._rivals(between)
         held = self._mean_input.copy()
+        if offset is None:
+            offset = self._middle_input[column]
         return design_experiment(
             rivals,
             noise=self._diagnosis.problem.noise,
