@@ -329,6 +329,8 @@ def test_a_readable_rule_becomes_its_samples():
     signals = {"position [m]": np.array([-2.0, 0.0, 1.0, 3.0])}
     assert judge.rule_mask("position [m] > 0.5 and position [m] <= 2", signals).tolist() == [0, 0, 1, 0]
     assert judge.rule_mask("|position [m]| > 1.5", signals).tolist() == [1, 0, 0, 1]
+    assert judge.rule_mask("0.5 < |position [m]| <= 2", signals).tolist() == [1, 0, 1, 0]
+    assert judge.rule_mask("-2.5 < position [m] <= 0.2", signals).tolist() == [1, 1, 0, 0]
     assert judge.rule_mask("speed > 1", signals) is None
 
 

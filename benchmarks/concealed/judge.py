@@ -11,6 +11,7 @@ RIGHT_ON_NOISE = {  # what may be named when nothing is concealed but the noise 
     "quantised": {"quantisation"},
 }
 ALARMS = ("explained", "ambiguous", "unknown")
+NUMBER = r"[-+.\deE]+"
 HARM = 0.01  # relative growth of the held-out error that counts as harm
 
 
@@ -107,9 +108,7 @@ def _judge_place(truth, verdict, arrays, recording):
     right = None if verdict["verdict"] in ("consistent", "refit") else float(port in ports)
     place = {"port_right": right, "unknown_at_port": float(verdict["verdict"] == "unknown" and port in ports)}
     if "active_0" in arrays:
-        rules = [r.get("rule", "") for r in verdict.get("regions", [])]
-        mask = rule_mask(rules[0], _signals(arrays, recording)) if rules else None
-        place["region_f1"] = 0.0 if mask is None else _f1(mask, arrays["active_0"])
+        place["region_f1"] = _f1(_region(verdict, arrays, recording), arrays["active_0"])
     start, stop = truth["effects"][0]["segment"]
     if truth["stratum"] == "time":
         found = np.zeros(truth["n_samples"], dtype=bool)
@@ -129,6 +128,17 @@ def _said_port(verdict):
     return f"{first['kind']}:{first['index']}" if "kind" in first else first.get("port")
 
 
+def _region(verdict, arrays, recording):
+    """Return the samples that meet any rule on what acts first, among those that can be read."""
+    rows = verdict.get("regions") or []
+    rules = [r.get("rule", "") for r in rows if r.get("effect", "") == rows[0].get("effect", "")]
+    masks = [rule_mask(rule, _signals(arrays, recording)) for rule in rules]
+    found = np.zeros(arrays["active_0"].shape, dtype=bool)
+    for mask in masks:
+        found |= False if mask is None else mask
+    return found
+
+
 def _signals(arrays, recording):
     """Return what a rule may name: the recorded columns, with measured states as they truly were."""
     return {name: recording[name].to_numpy() for name in recording.columns if name != "session"} | {
@@ -137,22 +147,24 @@ def _signals(arrays, recording):
 
 
 def rule_mask(rule: str, signals: dict) -> np.ndarray | None:
-    """Return the samples a rule such as ``"position [m] > 0.1 and |velocity [m/s]| <= 2"`` speaks of.
+    """Return the samples a rule such as ``"position [m] > 0.1 and 1 < |velocity [m/s]| <= 2"`` speaks of.
 
     None when the rule names a signal that is not there.
     """
     mask = None
     for part in re.split(r"\s+and\s+", rule):
-        match = re.fullmatch(r"\s*(.+?)\s*(<=|>=|<|>|≤|≥)\s*([-+.\deE]+)\s*", part)
+        match = re.fullmatch(rf"\s*(?:({NUMBER})\s*<\s*)?(.+?)\s*(<=|>=|<|>|≤|≥)\s*({NUMBER})\s*", part)
         if match is None:
             return None
-        name, relation, number = match.groups()
+        low, name, relation, number = match.groups()
         absolute = name.startswith("|") and name.endswith("|")
         signal = signals.get(name.strip("|"))
         if signal is None:
             return None
         signal = np.abs(signal) if absolute else signal
         holds = signal > float(number) if relation in (">", ">=", "≥") else signal <= float(number)
+        if low is not None:
+            holds &= signal > float(low)
         mask = holds if mask is None else mask & holds
     return mask
 

@@ -7,6 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
 from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
 
@@ -81,6 +82,34 @@ def signal_change(
     second = placed.second_of(u[rows])
     begin = np.searchsorted(rows, windows.first[windows.fresh])
     return signal, placed.effect.transform(signal, second, dt, np.array(placed.theta), begin) - signal
+
+
+def correction(
+    problem: Problem, model: Model, run: Run, index: int, rows: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what one effect of a model adds along its run: samples, argument, and what is added there.
+
+    Parameters
+    ----------
+    run : Run
+        Of the model.
+    index : int
+        Of the effect.
+    rows : ndarray of shape (n_points,)
+        Samples inside the windows, where the run is finite.
+    most : int
+        Samples that are returned at most, every so manyth of the rows.
+    """
+    simulator = problem.simulator.with_parameters(model.p).with_effects(model.effects)
+    placed = model.effects[index]
+    thin = slice(None, None, max(1, -(-rows.size // most)))
+    if placed.port.kind == "state":
+        argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[thin])[index]
+        return rows[thin], argument, added
+    others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
+    signals = problem.u if placed.port.kind == "input" else problem.run(others).y
+    argument, added = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
+    return rows[thin], argument[thin], added[thin]
 
 
 def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:

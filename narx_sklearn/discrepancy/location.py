@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from narx_sklearn.discrepancy.acting import correction
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.locate import (
     bands,
@@ -17,8 +18,13 @@ from narx_sklearn.discrepancy.locate import (
     segments,
     tangent,
 )
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.trimmed import trimmed_residual
 
+MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
+MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
+NOTICEABLE = 0.05  # of the largest square of a slope, below which it is as good as none
+SINGLE = 1e-6  # of its range, by which a curve may differ at one value
 LONGEST = 100_000  # samples looked at; the windows in the middle of a longer record stand for it
 
 
@@ -32,7 +38,8 @@ class Location(NamedTuple):
     segments : DataFrame
         Stretches of time that hold more of the error than chance.
     regions : DataFrame
-        Readable rules, each with its share of the unknown force's energy and of the time.
+        Readable rules, each with its share of the energy of what acts and of the time; ``effect`` says what
+        that is: one that was named, or, empty, the unknown signal at the likeliest port.
     bands : DataFrame
         Frequencies at which the residual stands above the noise.
     force : DataFrame
@@ -64,40 +71,65 @@ def locate(diagnosis: Diagnosis, random_state=None) -> Location:
     )
     residual = problem.y - run.y
     inside = slice(int(windows.first[0]), int(windows.last[-1]))
-    white = _innovations(problem, windows, residual)
-    found_segments = segments(white[inside], simulator.dt, u=problem.u[inside], random_state=random_state)
+    local = trimmed_residual(problem, diagnosis.refitted)[inside]
+    found_segments = segments(local, simulator.dt, u=problem.u[inside], random_state=random_state)
     for column in ("start", "stop"):
         found_segments[column] = found_segments[column] + inside.start
     for column in ("start_s", "stop_s"):
         found_segments[column] = found_segments[column] + inside.start * simulator.dt
-    corrected = run.x + best.dx
-    signal = concentrated_force(best, tangent(simulator, run._replace(x=corrected), problem.u, windows, p))
-    rules = regions(
-        signal[inside],
-        features(
-            problem.u[inside],
-            corrected[inside],
-            simulator.dt,
-            inputs=simulator.inputs,
-            states=simulator.states,
-        ),
-        random_state=random_state,
-    )
+    if diagnosis.verdict in ("explained", "ambiguous"):
+        rules = _where_effects_act(diagnosis)
+    else:
+        corrected = run.x + best.dx
+        signal = concentrated_force(
+            best, tangent(simulator, run._replace(x=corrected), problem.u, windows, p)
+        )
+        places = _features(simulator, problem.u[inside], corrected[inside])
+        rules = regions(signal[inside], places, random_state=random_state).assign(effect="")
     spectrum = bands(residual[inside, 0], problem.y[inside, 0], simulator.dt)
     samples = np.arange(inside.start, inside.stop)
     force = pd.DataFrame({"sample": samples, "force": best.w[inside], "deviation": best.w_std[inside]})
     return Location(table, found_segments, rules, spectrum, force)
 
 
-def _innovations(problem, windows: Windows, residual: np.ndarray) -> np.ndarray:
-    """Return the whitened residual, (n_samples, n_outputs): its energy is even where there is only noise."""
-    out = np.full(residual.shape, np.nan)
-    for first, last in zip(windows.first, windows.last, strict=True):
-        seen = np.isfinite(residual[first:last])
-        piece = problem.noise.innovations(np.where(seen, residual[first:last], 0.0)[None])[0]
-        piece[: problem.noise.order] = np.nan
-        out[first:last] = np.where(seen, piece, np.nan)
-    return out
+def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFrame:
+    return features(u, x, simulator.dt, inputs=simulator.inputs, states=simulator.states)
+
+
+def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
+    """Return the regions in which each of the effects found adds most, along the corrected run.
+
+    What they add has no noise in it, so that a limit is found where it was fitted.
+    """
+    problem, model = diagnosis.problem, diagnosis.best.fit.model
+    run = problem.run(model)
+    rows = problem.rows[problem.inside]
+    rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+    found = []
+    for index, placed in enumerate(model.effects):
+        at, argument, added = correction(problem, model, run, index, rows, MOST_ACTING)
+        floor = 0.0
+        if placed.port.kind != "state":
+            added = _slope(argument, added)
+            floor = NOTICEABLE * np.max(added**2)
+        inside = slice(int(at[0]), int(at[-1]) + 1)
+        table = _features(problem.simulator, problem.u[inside], run.x[inside]).iloc[at - inside.start]
+        found.append(regions(added, table, floor=floor, noise_free=True).assign(effect=placed.effect.code))
+    return pd.concat(found, ignore_index=True)
+
+
+def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """Return the slope of what is added to a signal where it is a curve of that signal, else what is added.
+
+    What leaves a dead zone is short of the command all along, but lives where nothing passes.
+    """
+    values, first, which = np.unique(argument, return_index=True, return_inverse=True)
+    curve = added[first]
+    turns = np.abs(np.diff(curve)).sum() > MOST_TURNS * np.ptp(curve)
+    if values.size < 2 or turns or np.abs(curve[which] - added).max() > SINGLE * np.ptp(curve):
+        return added
+    slope = np.diff(curve) / np.diff(values)
+    return np.append(slope, slope[-1])[which]
 
 
 def _middle(windows: Windows, x0: np.ndarray) -> tuple[Windows, np.ndarray]:

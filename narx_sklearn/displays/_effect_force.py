@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import correction_name, correction_unit, signal_change, state_forces
+from narx_sklearn.discrepancy.acting import correction, correction_name, correction_unit
 from narx_sklearn.discrepancy.locate import latent_force, tangent
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -39,15 +39,7 @@ def effect_force(problem: Problem, model: Model, index: int, most_points: int) -
     placed, run = model.effects[index], problem.run(model)
     rows = problem.rows[problem.inside]
     rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
-    if placed.port.kind == "state":
-        rows = rows[:: -(-rows.size // most_points)]
-        argument, fitted = state_forces(simulator, run, problem.u, problem.windows, rows)[index]
-    else:
-        others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
-        signals = problem.u if placed.port.kind == "input" else problem.run(others).y
-        argument, fitted = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
-        thin = slice(None, None, -(-rows.size // most_points))
-        rows, argument, fitted = rows[thin], argument[thin], fitted[thin]
+    rows, argument, fitted = correction(problem, model, run, index, rows, most_points)
     residual = problem.y - run.y
     if placed.port.kind == "output":  # what lacks is what is left; a smoother would call it coloured noise
         return EffectForce(argument, fitted, fitted + residual[rows, placed.port.index])

@@ -275,6 +275,7 @@ def _location_tables(location, material: Material) -> list[TableText]:
         "event": "just before it",
     }
     regions = {
+        "effect": "what",
         "rule": "where",
         "share": "share of the error",
         "time_share": "share of the time",

@@ -32,8 +32,9 @@ def features(
     Returns
     -------
     DataFrame of shape (n_samples, n_features)
-        For each signal: itself, its distance from the nearer end of its range, and, unless it is constant,
-        its rate, its direction (-1, 0, 1) and the seconds since its last reversal.
+        For each signal: itself and, unless it is constant, its size where it has either sign, else its
+        distance from the nearer end of its range, its rate, its direction (-1, 0, 1) and the seconds since
+        its last reversal.
 
     Examples
     --------
@@ -56,7 +57,10 @@ def features(
         if not high > low:
             continue
         name, unit = signal
-        columns[_label("distance from the ends of", name, unit)] = np.minimum(values - low, high - values)
+        if low < 0 < high:
+            columns[f"|{signal}|"] = np.abs(values)
+        else:
+            columns[_label("distance from the ends of", name, unit)] = np.minimum(values - low, high - values)
         rate = np.concatenate([_rate(piece) for piece in np.split(values, [k for k in first if k > 0])]) / dt
         if not any(_alike(rate, other) for other in kept):
             columns[_label("rate of", name, tidy_unit(f"{unit or 1}/s"))] = rate

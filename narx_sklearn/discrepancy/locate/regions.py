@@ -10,6 +10,8 @@ from sklearn.tree import DecisionTreeRegressor
 MAX_LEAVES = 6
 MAX_DEPTH = 3
 SMALLEST_LEAF = 0.02  # of the samples
+LEAST_SHARE = 0.02  # of the energy, where there is no noise
+FEWEST = 3  # samples of a leaf where there is no noise
 TRAINING_SAMPLES = 20_000
 N_WINDOWS = 60  # every second one makes the rules, the others judge them
 N_SHUFFLES = 1999
@@ -78,7 +80,9 @@ def inside(conditions, table: pd.DataFrame) -> np.ndarray:
     return mask
 
 
-def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state=None) -> pd.DataFrame:
+def regions(
+    signal: np.ndarray, table: pd.DataFrame, *, floor=None, noise_free=False, random_state=None
+) -> pd.DataFrame:
     """Find the regions of operation in which a residual or a latent force lives.
 
     A shallow regression tree of the log energy divides the space of the features; its leaves are parted
@@ -95,6 +99,9 @@ def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state
     floor : float or ndarray of shape (n_samples,), optional
         Variance that noise alone gives the signal (``w_std ** 2`` of a latent force); a tenth of the median
         energy when not given.
+    noise_free : bool, default=False
+        The signal is computed, not measured: regions may be as small as a few samples, and are not judged
+        (their ``p_value`` is 0).
     random_state : int or None, default=None
         Seed of the shuffles.
 
@@ -132,9 +139,12 @@ def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state
     energy, table = energy[samples], table.iloc[samples]
     least = 0.1 * np.median(energy) if floor is None else np.broadcast_to(floor, known.shape)[samples]
     level = np.log(energy + np.maximum(least, 1e-9 * energy.mean()))
-    made = (np.arange(samples.size) // length) % 2 == 0
+    made = noise_free | ((np.arange(samples.size) // length) % 2 == 0)
     size = np.sqrt(energy[made])
-    rules = [_with_onsets(rule, table[made], size) for rule in _rules(table[made], level[made])]
+    smallest = FEWEST if noise_free else SMALLEST_LEAF
+    rules = _rules(table[made], level[made], smallest)
+    if not noise_free:
+        rules = [_with_onsets(rule, table[made], size) for rule in rules]
     judged = np.arange(N_WINDOWS * length).reshape(N_WINDOWS, length)[1::2]
     rng = np.random.default_rng(random_state)
     orders = rng.permuted(np.tile(np.arange(len(judged)), (N_SHUFFLES, 1)), axis=1)
@@ -142,7 +152,7 @@ def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state
     for conditions in rules:
         mask = inside(conditions, table)
         share, time_share = energy[mask].sum() / energy.sum(), mask.mean()
-        p = _p_value(mask[judged].astype(float), level[judged], orders)
+        p = 0.0 if noise_free else _p_value(mask[judged].astype(float), level[judged], orders)
         rule = " and ".join(map(str, conditions))
         rows.append((rule, share, time_share, share / max(time_share, 1e-300), p, conditions))
     found = pd.DataFrame(rows, columns=columns)
@@ -150,15 +160,17 @@ def regions(signal: np.ndarray, table: pd.DataFrame, *, floor=None, random_state
         return found
     found["p_value"] = false_discovery_control(found["p_value"])
     kept = (found["p_value"] <= LEVEL) & (found["lift"] >= LEAST_LIFT)
+    if noise_free:
+        kept &= found["share"] >= LEAST_SHARE
     return found[kept].sort_values("share", ascending=False, kind="stable", ignore_index=True)
 
 
-def _rules(table: pd.DataFrame, level: np.ndarray) -> list[tuple[Condition, ...]]:
-    """Return the loud regions of a shallow tree."""
+def _rules(table: pd.DataFrame, level: np.ndarray, smallest: float) -> list[tuple[Condition, ...]]:
+    """Return the loud regions of a shallow tree, with leaves of no less than so many, or a share, samples."""
     stride = max(1, -(-len(level) // TRAINING_SAMPLES))
     values = table.to_numpy(dtype=float)[::stride]
     tree = DecisionTreeRegressor(
-        max_leaf_nodes=MAX_LEAVES, max_depth=MAX_DEPTH, min_samples_leaf=SMALLEST_LEAF, random_state=0
+        max_leaf_nodes=MAX_LEAVES, max_depth=MAX_DEPTH, min_samples_leaf=smallest, random_state=0
     )
     shape = tree.fit(values, level[::stride]).tree_
     leaves = np.flatnonzero(shape.children_left < 0)

@@ -112,12 +112,14 @@ def _whitened(residual: np.ndarray, edges: np.ndarray) -> np.ndarray:
     for c in range(residual.shape[1]):
         column = residual[:, c]
         known = np.isfinite(column)
+        if not known.any():
+            continue
         filled = np.where(known, column, 0.0)
         cut = filled[starts[:, None] + np.arange(length)]
         seen = known[starts[:, None] + np.arange(length)]
         size = np.where(seen.any(axis=1), (cut**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.inf)
-        quiet = size <= np.median(size)
-        noise = estimate_noise(cut[quiet][:, :, None], seen[quiet][:, :, None])
+        quiet = size <= np.median(size[np.isfinite(size)])
+        noise = estimate_noise(cut[quiet][:, :, None], seen[quiet][:, :, None], may_drift=False)
         a = noise.coefficients[0]
         white = lfilter(np.concatenate([[1.0], -a]), [1.0], filled)
         unknown = np.convolve(~known, np.ones(a.size + 1))[: known.size] > 0

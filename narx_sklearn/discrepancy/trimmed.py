@@ -1,0 +1,96 @@
+"""What the quieter half of a record says of a simulator's parameters, and what that leaves of the rest."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.windows import cut
+
+HALF = 0.5  # share of the samples, in the quietest windows, that the parameters are fitted to
+ORDINARY = 3 * 1.4826  # median absolute deviations: windows that are like the quiet ones take part in the end
+FEWEST = 8  # windows, so that half of them can be quiet; longer ones forgive a mismatch less
+STEPS = 5  # of choosing windows and fitting to them, at most
+ITERATIONS = 10
+
+
+def trimmed_residual(problem: Problem, refitted: Fit) -> np.ndarray:
+    """Return what a simulator leaves with parameters from the quieter half of the record.
+
+    What acts for a while only bends the parameters of a fit to the whole record, and then a bit is left
+    everywhere. Least trimmed squares over windows leaves it where it is: parameters are fitted to the windows
+    that fit best, and those are chosen anew, until the choice stands; then to all that fit no worse.
+
+    Parameters
+    ----------
+    problem : Problem
+    refitted : Fit
+        Of the simulator without effects, over the problem's windows.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_outputs)
+        Recording less simulation, initial states of every window fitted; NaN outside the windows.
+
+    References
+    ----------
+    .. [1] P. J. Rousseeuw, 1984, least median of squares regression (least trimmed squares).
+    .. [2] P. J. Rousseeuw and K. Van Driessen, 2006, computing LTS regression for large data sets.
+    """
+    everything, model = _in_short_windows(problem, refitted)
+    lengths = everything.windows.last - everything.windows.first
+    chosen = np.zeros(lengths.size, dtype=bool)
+    for _ in range(STEPS):
+        model, size = _begun_anew(everything, model, lengths)
+        order = np.argsort(size)
+        quiet = np.zeros_like(chosen)
+        quiet[order[: 1 + np.searchsorted(np.cumsum(lengths[order]), HALF * lengths.sum())]] = True
+        if np.array_equal(quiet, chosen):
+            break
+        chosen = quiet
+        model = _fitted_to(everything, model, quiet)
+    model, size = _begun_anew(everything, model, lengths)
+    deviation = size - np.median(size)
+    model = _fitted_to(everything, model, deviation <= ORDINARY * np.median(np.abs(deviation)))
+    model, _ = _begun_anew(everything, model, lengths)
+    return problem.y - everything.run(model).y
+
+
+def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:
+    """Return a model with the initial states of all windows fitted, and the windows' mean squares."""
+    found = fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=ITERATIONS)
+    return found.model, found.window_costs / lengths
+
+
+def _fitted_to(problem: Problem, model: Model, chosen: np.ndarray) -> Model:
+    """Return a model with parameters fitted to some of the windows."""
+    windows = problem.windows
+    fresh = np.ones(int(chosen.sum()), dtype=bool)
+    part = Windows(windows.first[chosen], windows.last[chosen], fresh, windows.began[chosen])
+    alone = Problem(problem.simulator, problem.u, problem.y, part, problem.noise)
+    found = fit(alone, model._replace(x0=model.x0[chosen]), iterations=ITERATIONS)
+    return model._replace(p=found.model.p) if np.isfinite(found.cost) else model
+
+
+def _in_short_windows(problem: Problem, refitted: Fit) -> tuple[Problem, Model]:
+    """Return the problem under white noise in windows short enough that half of them can be quiet."""
+    windows = problem.windows
+    starts = np.flatnonzero(windows.fresh)
+    stops = np.append(starts[1:], windows.count) - 1
+    pieces = [
+        (slice(int(windows.first[a]), int(windows.last[b])), int(windows.began[a]))
+        for a, b in zip(starts, stops, strict=True)
+    ]
+    n = sum(piece.stop - piece.start for piece, _ in pieces)
+    longest = int((windows.last - windows.first).max())
+    shorter = cut(pieces, min(longest, max(n // FEWEST, 1)), 1)
+    run = problem.run(refitted.model)
+    left = problem.left_over(refitted.model)[problem.seen.any(axis=2)]
+    spread = np.sqrt(np.mean(left**2, axis=0))
+    noise = Noise.white(np.where(spread > 0, spread, 1.0))
+    x0 = run.x[shorter.first]
+    at = np.searchsorted(shorter.first, windows.first)
+    x0[at] = refitted.model.x0
+    again = Problem(problem.simulator, problem.u, problem.y, shorter, noise)
+    return again, refitted.model._replace(x0=np.nan_to_num(x0))

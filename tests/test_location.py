@@ -1,0 +1,123 @@
+"""Where the mismatch is, once it is named: regions in which an effect acts, stretches in which it acted."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.location import _slope
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.trimmed import trimmed_residual
+from narx_sklearn.discrepancy.windows import cut
+
+GAP, LIMIT, DEAD = 0.25, 2.5, 0.8
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def with_stop(x, u, p):
+    beyond = x[0] - min(max(x[0], -GAP), GAP)
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 20.0 * beyond
+
+
+def limited(x, u, p):
+    passed = min(max(u[0], -LIMIT), LIMIT)
+    return x[1], p[0] * passed - p[1] * x[1] - p[2] * x[0]
+
+
+def dead(x, u, p):
+    passed = u[0] - min(max(u[0], -DEAD), DEAD)
+    return x[1], p[0] * passed - p[1] * x[1] - p[2] * x[0]
+
+
+def make(rhs, gain=1.1, damping=0.7, stiffness=11.0):
+    return ODESimulator(
+        rhs,
+        dt=0.02,
+        parameters={"gain": gain, "damping": damping, "stiffness": stiffness},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+def drive(n=3000, seed=0):
+    return np.repeat(np.random.default_rng(seed).normal(0, 3, n // 10), 10)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("rhs", "effect", "signal", "edge", "above"),
+    [
+        (with_stop, "clearance", "|position [m]|", GAP, True),
+        (limited, "input_saturation", "|drive [V]|", LIMIT, True),
+        (dead, "dead_zone", "|drive [V]|", DEAD, False),
+    ],
+)
+def test_a_rule_says_where_a_named_effect_acts(rhs, effect, signal, edge, above):
+    u = drive()
+    y = make(rhs).simulate(u)
+    y += 0.005 * np.random.default_rng(1).normal(size=y.shape)
+    simulator = make(stage, 1.0, 0.8, 12.0)
+    dx = DiscrepancyRegressor(simulator, effects=["cubic_stiffness", effect]).fit(u, y)
+    assert dx.findings_[0].effect == effect
+    first = dx.location_.regions.iloc[0]
+    (condition,) = first["conditions"]
+    assert (first["effect"], condition.feature) == (effect, signal)
+    assert (condition.low if above else condition.high) == pytest.approx(edge, rel=0.1)
+    assert first["share"] > 0.95
+
+
+def test_what_a_curve_of_a_signal_adds_is_told_by_its_slope():
+    u = np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 0.5])
+    passing = u - np.clip(u, -1.0, 1.0)
+    assert _slope(u, passing - u).tolist() == [0.0, -1.0, -1.0, -1.0, -1.0, 0.0, 0.0, -1.0]
+    delayed = np.roll(u, 3) - u  # at 0.5 it adds one thing, then another: no curve
+    np.testing.assert_array_equal(_slope(u, delayed), delayed)
+    np.testing.assert_array_equal(_slope(np.ones(3), np.zeros(3)), np.zeros(3))
+
+
+def gated(n=4000, start=1500, stop=2600):
+    """A stage with a stop that was there for a while, and the problem of fitting one without."""
+
+    def stop_meanwhile(x, u, p):
+        beyond = x[0] - min(max(x[0], -0.1), 0.1)
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 20.0 * u[1] * beyond
+
+    simulator = ODESimulator(
+        stop_meanwhile,
+        dt=0.02,
+        parameters={"gain": 1.1, "damping": 0.7, "stiffness": 11.0},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]", "stop [-]"],
+    )
+    u = drive(n)
+    there = ((np.arange(n) >= start) & (np.arange(n) < stop)).astype(float)
+    y = simulator.simulate(np.column_stack([u[:, 0], there]))
+    return u, y + 0.005 * np.random.default_rng(1).normal(size=y.shape)
+
+
+def test_what_acted_for_a_while_is_left_where_it_was():
+    u, y = gated()
+    simulator = make(stage, 1.0, 0.8, 12.0)
+    problem = Problem(simulator, u, y, cut([(slice(0, 4000), 0)], 500, 8), Noise.white(np.array([0.005])))
+    found = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
+    bent = (problem.y - problem.run(found.model).y)[:, 0]
+    local = trimmed_residual(problem, found)[:, 0]
+    outside = np.r_[0:1400, 3000:4000]
+    assert np.std(bent[outside]) > 2 * 0.005  # a fit to all of it is wrong everywhere
+    assert np.std(local[outside]) == pytest.approx(0.005, rel=0.1)
+    assert np.std(local[1600:2500]) > 4 * 0.005
+
+
+def test_the_stretch_in_which_it_acted_is_told():
+    u, y = gated()
+    simulator = make(stage, 1.0, 0.8, 12.0)
+    dx = DiscrepancyRegressor(simulator, effects=["clearance", "gain_drift"], test_fraction=0.0).fit(u, y)
+    told = np.zeros(4000, dtype=bool)
+    for row in dx.location_.segments.itertuples():
+        told[row.start : row.stop] = True
+    real = np.zeros(4000, dtype=bool)
+    real[1500:2600] = True
+    assert (told & real).sum() / (told | real).sum() > 0.7
