@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.experiment import _settled, design_experiment, middle_of
+from narx_sklearn.discrepancy.experiment import BEYOND_DOUBT, _settled, design_experiment, middle_of
 from narx_sklearn.discrepancy.noise import Noise
 
 
@@ -55,6 +55,18 @@ def test_designs_are_as_fast_as_the_machine_is_about_the_middle_of_the_input():
     assert max(tops) == pytest.approx(10 * corner, rel=0.01)
     assert np.all(np.abs(plan.u - 4.0) <= 1.0 + 1e-9)
     assert plan.separation > 10
+
+
+@pytest.mark.filterwarnings("ignore:.*compile")
+def test_beyond_doubt_the_input_that_tells_most_of_everything_is_proposed():
+    noise = Noise.white(np.array([1e-3]))
+    rivals = {"root": tank(0.5), "linear": tank(1.0)}
+    plan = design_experiment(rivals, noise=noise, amplitude=3.0, n_samples=1000, offset=4.0)
+    certain = plan.table[plan.table["separation"] > BEYOND_DOUBT]
+    assert len(certain) > 1
+    chosen = plan.table.set_index("design").loc[plan.kind]
+    assert chosen["information"] == certain["information"].max()
+    assert plan.separation == chosen["separation"]
 
 
 def test_the_middle_of_an_input_is_zero_where_it_was_meant_to_be():

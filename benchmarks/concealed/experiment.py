@@ -16,6 +16,9 @@ from benchmarks.concealed.specs import Concealed
 
 __all__ = ["perform", "rig_of"]
 
+LARGEST = 1e6  # gain over the limit: the signal then jumps from one to the other
+BISECTIONS = 60
+
 
 def rig_of(truth: dict) -> Rig:
     """Set the hidden plant of a truth up again."""
@@ -63,10 +66,20 @@ def perform(out: Path, verdicts: dict[str, dict]) -> list[str]:
 
 
 def _random_like(proposed, rig, rng):
-    """Return a random input with the mean and energy of the proposed one, in every column."""
+    """Return a random input with the mean, the energy and the limits of the proposed one, in every column.
+
+    Normal noise in the band of the machine, cut off at the limits; a gain gives back the energy that takes.
+    """
     m = rig.machine
     random = np.empty_like(proposed)
     for j, column in enumerate(proposed.T):
         signal = excite("prfs", len(column), m.dt, m.band, rng)
-        random[:, j] = column.mean() + column.std() * signal / signal.std()
+        limit, energy = np.abs(column - column.mean()).max(), column.std()
+        low, high = 0.0, 1.0
+        while np.clip(high * signal, -limit, limit).std() < energy and high < LARGEST * limit:
+            high *= 2.0
+        for _ in range(BISECTIONS):
+            gain = (low + high) / 2
+            low, high = (gain, high) if np.clip(gain * signal, -limit, limit).std() < energy else (low, gain)
+        random[:, j] = column.mean() + np.clip(high * signal, -limit, limit)
     return random

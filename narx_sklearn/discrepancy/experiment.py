@@ -19,6 +19,7 @@ from narx_sklearn.signals import loading_unloading, multisine
 
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
+BEYOND_DOUBT = 12.0  # standard deviations of the noise, above which more separation is worth nothing
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
 
 
@@ -65,7 +66,8 @@ def design_experiment(
 
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
     refitted to the other's output (to first order), over the noise; the design with the largest distance of
-    its worst pair wins.
+    its worst pair wins. Among designs that separate beyond any doubt it is the one that tells most of all
+    parameters (the determinant of their information is largest), for the truth may be none of the rivals.
 
     Parameters
     ----------
@@ -96,19 +98,23 @@ def design_experiment(
         signal = _limited(amplitude * shape, rate, some.dt) + offset
         u = np.tile(base, (n_samples, 1))
         u[:, column] = signal
-        distances = {}
+        distances, told = {}, 0.0
         for a, b in combinations(simulators, 2):
             there = _distance(simulators[a], simulators[b], u, starts[a], noise)
             back = _distance(simulators[b], simulators[a], u, starts[b], noise)
-            distances[f"{a} / {b}"] = min(there, back)
+            distances[f"{a} / {b}"] = min(there.noises, back.noises)
+            told += there.information + back.information
         worst = min(distances.values())
-        rows.append({"design": kind, "separation": worst, "chance": chance(worst), **distances})
-        if best is None or worst > best[0]:
-            best = (worst, kind, u)
+        rows.append(
+            {"design": kind, "separation": worst, "chance": chance(worst), "information": told, **distances}
+        )
+        worth = (min(worst, BEYOND_DOUBT), told)
+        if best is None or worth > best[0]:
+            best = (worth, worst, kind, u)
     table = pd.DataFrame(rows).sort_values("separation", ascending=False, ignore_index=True)
     if best is None:
         raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
-    worst, kind, u = best
+    _, worst, kind, u = best
     return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
 
 
@@ -177,17 +183,26 @@ def _limited(signal: np.ndarray, rate: float | None, dt: float) -> np.ndarray:
     return out
 
 
-def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, start: np.ndarray, noise: Noise) -> float:
-    """Return how far the rival, refitted, stays from the truth's output, in noise standard deviations."""
+class Distance(NamedTuple):
+    """How far a rival, refitted, stays from another's output."""
+
+    noises: float  # in standard deviations of the noise
+    information: float  # logarithm of the determinant of the information on the rival's parameters
+
+
+def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, start: np.ndarray, noise: Noise) -> Distance:
+    """Return how far the rival, refitted, stays from the truth's output."""
     windows = Windows.whole([slice(0, len(u))])
     x0 = start[None]
     y = truth.run(u, windows, x0).y
     if not np.all(np.isfinite(y)):
-        return 0.0
+        return Distance(0.0, -np.inf)
     problem = Problem(rival, u, y, windows, noise)
-    model = Model(rival.nominal, rival.effects, x0)
-    cost = fit(problem, model, iterations=6).cost
-    return float(np.sqrt(cost)) if np.isfinite(cost) else 0.0
+    found = fit(problem, Model(rival.nominal, rival.effects, x0), iterations=6)
+    if not np.isfinite(found.cost):
+        return Distance(0.0, -np.inf)
+    columns = found.jacobian.reshape(-1, found.jacobian.shape[2])
+    return Distance(float(np.sqrt(found.cost)), float(np.linalg.slogdet(columns.T @ columns)[1]))
 
 
 def confusability(
