@@ -111,6 +111,21 @@ def test_what_acted_for_a_while_is_left_where_it_was():
     assert np.std(local[1600:2500]) > 4 * 0.005
 
 
+@pytest.mark.parametrize("length", [40, 180, 190, 1000, 4000])
+def test_any_windows_will_do(length):
+    u, y = gated()
+    y[700:900] = np.nan
+    simulator = make(stage, 1.0, 0.8, 12.0)
+    pieces = [(slice(0, 700), 0), (slice(900, 4000), 0)]
+    problem = Problem(simulator, u, y, cut(pieces, length, 8), Noise.white(np.array([0.005])))
+    found = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
+    local = trimmed_residual(problem, found)[:, 0]
+    assert np.isnan(local[700:900]).all()
+    assert np.isfinite(local[:700]).all()
+    assert np.isfinite(local[900:]).all()
+    assert np.std(local[1600:2500]) > np.std(local[:700])
+
+
 def test_the_stretch_in_which_it_acted_is_told():
     u, y = gated()
     simulator = make(stage, 1.0, 0.8, 12.0)

@@ -54,7 +54,7 @@ def trimmed_residual(problem: Problem, refitted: Fit) -> np.ndarray:
     deviation = size - np.median(size)
     model = _fitted_to(everything, model, deviation <= ORDINARY * np.median(np.abs(deviation)))
     model, _ = _begun_anew(everything, model, lengths)
-    return problem.y - everything.run(model).y
+    return everything.y - everything.run(model).y
 
 
 def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:
@@ -64,7 +64,9 @@ def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Mo
 
 
 def _fitted_to(problem: Problem, model: Model, chosen: np.ndarray) -> Model:
-    """Return a model with parameters fitted to some of the windows."""
+    """Return a model with parameters fitted to some of the windows, if there are any that run."""
+    if not chosen.any():
+        return model
     windows = problem.windows
     fresh = np.ones(int(chosen.sum()), dtype=bool)
     part = Windows(windows.first[chosen], windows.last[chosen], fresh, windows.began[chosen])
@@ -74,8 +76,16 @@ def _fitted_to(problem: Problem, model: Model, chosen: np.ndarray) -> Model:
 
 
 def _in_short_windows(problem: Problem, refitted: Fit) -> tuple[Problem, Model]:
-    """Return the problem under white noise in windows short enough that half of them can be quiet."""
-    windows = problem.windows
+    """Return the problem under white noise in windows short enough that half of them can be quiet.
+
+    What a stand-in gets wrong of its simulator is taken off the record once, as it is at the refitted
+    parameters: to find it anew for every move of them would take many runs of a program.
+    """
+    windows, run = problem.windows, problem.run(refitted.model)
+    simulator, y = problem.simulator.by_equations(), problem.y
+    if simulator is not problem.simulator:
+        model = refitted.model
+        y = y - (run.y - simulator.run(problem.u, windows, model.x0, model.p, model.effects).y)
     starts = np.flatnonzero(windows.fresh)
     stops = np.append(starts[1:], windows.count) - 1
     pieces = [
@@ -85,12 +95,8 @@ def _in_short_windows(problem: Problem, refitted: Fit) -> tuple[Problem, Model]:
     n = sum(piece.stop - piece.start for piece, _ in pieces)
     longest = int((windows.last - windows.first).max())
     shorter = cut(pieces, min(longest, max(n // FEWEST, 1)), 1)
-    run = problem.run(refitted.model)
     left = problem.left_over(refitted.model)[problem.seen.any(axis=2)]
     spread = np.sqrt(np.mean(left**2, axis=0))
     noise = Noise.white(np.where(spread > 0, spread, 1.0))
-    x0 = run.x[shorter.first]
-    at = np.searchsorted(shorter.first, windows.first)
-    x0[at] = refitted.model.x0
-    again = Problem(problem.simulator, problem.u, problem.y, shorter, noise)
-    return again, refitted.model._replace(x0=np.nan_to_num(x0))
+    again = Problem(simulator, problem.u, y, shorter, noise)
+    return again, refitted.model._replace(x0=np.nan_to_num(run.x[shorter.first]))
