@@ -299,6 +299,21 @@ class TestLookAlikes:
         assert falling.criterion < plain.criterion - HARDLY
         assert likeliest([falling, plain], unexplained) is (plain if enough else falling)
 
+    @pytest.mark.parametrize("felt", [True, False])
+    def test_what_tangents_do_not_feel_is_paid_for_where_it_helps_all_the_same(self, felt):
+        """Stribeck's fall at no speed at all: it helps at some stops, by chance."""
+        _, (plain, falling), _ = self.candidates(size=0.3)
+        jacobian = falling.fit.jacobian.copy()
+        noise = np.random.default_rng(0).normal(size=(*jacobian.shape[:2], 3))
+        jacobian[:, :, -3:] = 100.0 * noise if felt else 0.0
+        falling = Candidate(falling.fit._replace(jacobian=jacobian), plain.n_samples)
+        assert (falling.n_parameters > plain.n_parameters) == felt
+        better = (plain.criterion - 14.0 - falling.criterion) / plain.n_samples
+        cost = falling.fit.cost * np.exp(better)
+        falling = Candidate(falling.fit._replace(cost=cost), plain.n_samples)
+        assert falling.criterion == pytest.approx(plain.criterion - 14.0)
+        assert likeliest([falling, plain], 1.05 * plain.fit.cost) is (falling if felt else plain)
+
     def test_an_entry_of_as_many_parameters_is_no_refinement(self):
         _, (plain, falling), _ = self.candidates(size=0.3)
         unexplained = 30 * plain.fit.cost

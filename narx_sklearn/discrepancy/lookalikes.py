@@ -45,7 +45,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         common = c.places & best.places
         before = min((o.fit.cost for o in candidates if o.places == common), default=fewer)
         is_enough = is_simpler and added <= REFINES * (before - c.fit.cost)
-        return c.criterion <= best.criterion + HARDLY or is_enough
+        return c.criterion <= best.criterion + HARDLY + _unpaid(best, c) or is_enough
 
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
     # two pairs may hold each other
@@ -53,6 +53,17 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     if not any(c is best for c in alike):
         return likeliest(alike, unexplained)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
+
+
+def _unpaid(best: Candidate, special: Candidate) -> float:
+    """Return the price of the parameters that a set has beyond its special case and did not pay for.
+
+    Tangents feel nothing of a fall of friction at no speed at all; what it takes off the cost nevertheless,
+    at some stop of the motion, it took by having been fitted.
+    """
+    beyond = best.fit.model.q.size - special.fit.model.q.size
+    paid = best.n_parameters - special.n_parameters
+    return 2 * np.log(np.log(best.n_samples)) * max(beyond - paid, 0)
 
 
 def _at_home(candidate: Candidate) -> bool:
