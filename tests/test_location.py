@@ -136,3 +136,20 @@ def test_the_stretch_in_which_it_acted_is_told():
     real = np.zeros(4000, dtype=bool)
     real[1500:2600] = True
     assert (told & real).sum() / (told | real).sum() > 0.7
+
+
+def test_what_acts_everywhere_has_no_region_and_hides_none_of_another():
+    """Friction is as large at any speed; the stop beside it acts beyond its gap."""
+    u = drive()
+
+    def rubbing_stop(x, u, p):
+        beyond = x[0] - min(max(x[0], -GAP), GAP)
+        rubbing = 0.8 * np.tanh(x[1] / 1e-3)
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 20.0 * beyond - rubbing
+
+    y = make(rubbing_stop).simulate(u)
+    y += 0.002 * np.random.default_rng(1).normal(size=y.shape)
+    effects = ["clearance", "coulomb_friction"]
+    dx = DiscrepancyRegressor(make(stage, 1.0, 0.8, 12.0), effects=effects).fit(u, y)
+    assert {finding.effect for finding in dx.findings_} == set(effects)
+    assert dx.location_.regions["effect"].tolist() == ["clearance"]

@@ -115,7 +115,8 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
         inside = slice(int(at[0]), int(at[-1]) + 1)
         table = _features(problem.simulator, problem.u[inside], run.x[inside]).iloc[at - inside.start]
         found.append(regions(added, table, floor=floor, noise_free=True).assign(effect=placed.effect.code))
-    return pd.concat(found, ignore_index=True)
+    some = [rules for rules in found if len(rules)]
+    return pd.concat(some, ignore_index=True) if some else found[0]
 
 
 def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:
