@@ -49,18 +49,7 @@ class MotionSimulator(TracedEquation):
 
     def with_terms(self, kept):
         """Return the equation with these terms, None without any."""
-        if not kept:
-            return None
-        shorter = MotionSimulator(
-            self.order,
-            kept,
-            self.inputs,
-            self.outputs[0],
-            dt=self.dt,
-            substeps=self.substeps,
-            linear_hold=self.linear_hold,
-        )
-        return shorter.with_parameters({p.name: p.value for p in self.parameters if p.name in kept})
+        return self._like(self.order, kept) if kept else None
 
     def _equations(self):
         places = {s.name: f"x[{i}]" for i, s in enumerate(self.states)}

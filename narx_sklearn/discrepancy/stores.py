@@ -76,26 +76,13 @@ class StoresSimulator(TracedEquation):
         terms = [term for term in self.terms if term in kept]
         if not terms or not {p.name for p in self.parameters[len(self.terms) :]} <= set(kept):
             return None
-        return self._with(self.powers, terms)
+        return self._like(self.powers, terms)
 
     def with_powers(self, powers):
         """Return the equation with these powers, no longer parameters; flows at the levels stay."""
         coefficients = self.nominal[len(self.terms) :][: len(powers)] / np.array(self.levels) ** powers
         drains = [p.name for p in self.parameters[len(self.terms) :][: len(powers)]]
-        return self._with(powers, self.terms).with_parameters(dict(zip(drains, coefficients, strict=True)))
-
-    def _with(self, powers, terms):
-        other = StoresSimulator(
-            powers,
-            terms,
-            self.inputs,
-            self.outputs[0],
-            dt=self.dt,
-            substeps=self.substeps,
-            linear_hold=self.linear_hold,
-        )
-        names = {p.name for p in other.parameters}
-        return other.with_parameters({p.name: p.value for p in self.parameters if p.name in names})
+        return self._like(powers, self.terms).with_parameters(dict(zip(drains, coefficients, strict=True)))
 
     def _equations(self):
         places = {s.name: f"u[{i}]" for i, s in enumerate(self.inputs)} | {"1": "1.0"}

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -36,7 +36,12 @@ class Trace(NamedTuple):
 
 
 class TracedEquation(Simulator):
-    """Base of the equations that a trace can be fitted with: one output, linear in most of its terms."""
+    """Base of the equations that a trace can be fitted with: one output, linear in most of its terms.
+
+    A subclass is made from its shape, terms, inputs and output, and how it runs, as ``_like`` does.
+    """
+
+    terms: tuple[str, ...]
 
     def known_states(self, u, y, samples, began=None):
         """Return the output as measured; no other state is known."""
@@ -47,6 +52,14 @@ class TracedEquation(Simulator):
     @abstractmethod
     def first_states(self, y: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """Return a guess of the states (n, n_states) where the output and its slope (n,) are these."""
+
+    def _like(self, shape, terms: Sequence[str]) -> Self:
+        """Return an equation of another shape that runs as this one, with its values where both have one."""
+        make: Any = type(self)
+        how = {"dt": self.dt, "substeps": self.substeps, "linear_hold": self.linear_hold}
+        other = make(shape, terms, self.inputs, self.outputs[0], **how)
+        names = {p.name for p in other.parameters}
+        return other.with_parameters({p.name: p.value for p in self.parameters if p.name in names})
 
     @abstractmethod
     def with_terms(self, kept: Sequence[str]) -> Self | None:
