@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.location import _slope
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.trimmed import trimmed_residual
+from narx_sklearn.discrepancy.trimmed import trimmed
 from narx_sklearn.discrepancy.windows import cut
 
 GAP, LIMIT, DEAD = 0.25, 2.5, 0.8
@@ -104,7 +104,7 @@ def test_what_acted_for_a_while_is_left_where_it_was():
     problem = Problem(simulator, u, y, cut([(slice(0, 4000), 0)], 500, 8), Noise.white(np.array([0.005])))
     found = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
     bent = (problem.y - problem.run(found.model).y)[:, 0]
-    local = trimmed_residual(problem, found)[:, 0]
+    local = trimmed(problem, found).residual[:, 0]
     outside = np.r_[0:1400, 3000:4000]
     assert np.std(bent[outside]) > 2 * 0.005  # a fit to all of it is wrong everywhere
     assert np.std(local[outside]) == pytest.approx(0.005, rel=0.1)
@@ -119,7 +119,7 @@ def test_any_windows_will_do(length):
     pieces = [(slice(0, 700), 0), (slice(900, 4000), 0)]
     problem = Problem(simulator, u, y, cut(pieces, length, 8), Noise.white(np.array([0.005])))
     found = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
-    local = trimmed_residual(problem, found)[:, 0]
+    local = trimmed(problem, found).residual[:, 0]
     assert np.isnan(local[700:900]).all()
     assert np.isfinite(local[:700]).all()
     assert np.isfinite(local[900:]).all()

@@ -32,9 +32,9 @@ def state_forces(
     for theta, (_, placed) in zip(thetas, acting, strict=True):
         n = len(placed.effect.parameters)
         theta[:n] = placed.theta[:n]
-    session = windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
+    ages = _age(windows, rows)
     arguments, values = np.zeros((2, len(acting), rows.size))
-    for at, (k, began) in enumerate(zip(rows, session, strict=True)):
+    for at, (k, age) in enumerate(zip(rows, ages, strict=True)):
         x, now = run.x[k], u[k]
         slope = evaluate(simulator, x, now)[0]
         nominal = slope.copy()
@@ -55,16 +55,27 @@ def state_forces(
                 rate,
                 own,
                 driving,
-                (k - began) * simulator.dt,
+                age * simulator.dt,
                 _step(placed, simulator),
                 run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
                 thetas[e],
                 np.zeros(MAX_MEMORY),
             )
+            values[e, at] *= placed.acts_at(age * simulator.dt)
             slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
                 slope[placed.onward] -= placed.theta[-1] * values[e, at]
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
+    """Tell at which samples inside the windows an effect acts."""
+    return placed.acts_at(_age(windows, rows) * dt)
+
+
+def _age(windows: Windows, rows: np.ndarray) -> np.ndarray:
+    """Return how many samples of its session went before each of some samples."""
+    return rows - windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
 
 
 def _step(placed: PlacedEffect, simulator: Simulator) -> float:
@@ -81,13 +92,14 @@ def signal_change(
     signal = signals[rows, placed.port.index]
     second = placed.second_of(u[rows])
     begin = np.searchsorted(rows, windows.first[windows.fresh])
-    return signal, placed.effect.transform(signal, second, dt, np.array(placed.theta), begin) - signal
+    changed = placed.effect.transform(signal, second, dt, np.array(placed.theta), begin)
+    return signal, (changed - signal) * acts_along(placed, windows, rows, dt)
 
 
 def correction(
     problem: Problem, model: Model, run: Run, index: int, rows: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what one effect of a model adds along its run: samples, argument, and what is added there.
+    """Return what one effect of a model adds along its run while it acts: samples, argument, what is added.
 
     Parameters
     ----------
@@ -102,14 +114,15 @@ def correction(
     """
     simulator = problem.simulator.with_parameters(model.p).with_effects(model.effects)
     placed = model.effects[index]
-    thin = slice(None, None, max(1, -(-rows.size // most)))
+    acts = np.flatnonzero(acts_along(placed, problem.windows, rows, simulator.dt))
+    chosen = acts[:: max(1, -(-acts.size // most))]
     if placed.port.kind == "state":
-        argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[thin])[index]
-        return rows[thin], argument, added
+        argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[chosen])[index]
+        return rows[chosen], argument, added
     others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
     signals = problem.u if placed.port.kind == "input" else problem.run(others).y
     argument, added = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
-    return rows[thin], argument[thin], added[thin]
+    return rows[chosen], argument[chosen], added[chosen]
 
 
 def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:

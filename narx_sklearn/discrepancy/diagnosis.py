@@ -1,6 +1,6 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +36,9 @@ from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
+from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure, find_structure
+from narx_sklearn.discrepancy.temporary import search_in_stretches
 from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
@@ -71,6 +73,7 @@ class Diagnosis:
     steps: tuple[Step, ...]
     unnamed: Candidate | None  # the best curve without a name, when it was tried
     time_constant: float
+    stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, where nothing named is missing
 
@@ -137,6 +140,10 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     steps: list[Step] = []
     if np.any(_left_over(problem, refitted.residual) > rounding):
         problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
+    stretches = find_stretches(problem, refitted, settings.random_state)
+    if steps:
+        found = search_in_stretches(problem, refitted, steps, stretches, structure, settings)
+        problem, refitted, steps = found or (problem, refitted, steps)
     p_missing = steps[0].detection.p_value if steps else 1.0
     pool = pool_of(steps)
     nominal = fit_initial_states(problem, refitted.model.x0)
@@ -153,14 +160,14 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
             pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
             best = likeliest(pool, refitted.cost)
         best = ranked(problem, converged(problem, best), pool)
-        found = _judged(problem, refitted, best, pool, steps, structure, settings)
+        judgement = _judged(problem, refitted, best, pool, steps, structure, settings)
         singles = [c for c in pool if len(c.effects) == 1]
-        if found.verdict == "unknown" and len(best.effects) > 1 and singles:
+        if judgement.verdict == "unknown" and len(best.effects) > 1 and singles:
             # what goes with it has no name; the effect that explains most may have one
             single = converged(problem, likeliest(singles, refitted.cost))
             alone = _judged(problem, refitted, single, pool, steps, structure, settings)
-            found = alone if alone.verdict != "unknown" else found
-        verdict, best, alternatives, unnamed = found
+            judgement = alone if alone.verdict != "unknown" else judgement
+        verdict, best, alternatives, unnamed = judgement
     twin_misses_more = _twin_misses_more(problem, refitted, best)
     against_noise: tuple[Sign, ...] = ()
     if not best.effects and steps:
@@ -186,6 +193,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         tuple(steps),
         unnamed,
         pace.time_constant,
+        stretches,
         twin_misses_more,
         against_noise,
     )
@@ -336,6 +344,9 @@ def _unnamed(
 ) -> Candidate | None:
     """Return the best broken line at any port, fitted from the parameters that go with the named effects."""
     curves = [c.placed for c in _curves(problem, refitted, structure)]
+    times = {effect.during for effect in best.effects}
+    if len(times) == 1:
+        curves = [replace(curve, during=times.copy().pop()) for curve in curves]
     base = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, base, curves, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None

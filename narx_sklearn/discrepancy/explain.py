@@ -75,18 +75,24 @@ class Candidate:
         felt = np.linalg.eigvalsh(columns.T @ columns)
         return own + n_tried + int(np.sum(felt > 1.0))
 
-    @cached_property
+    @property
     def criterion(self) -> float:
-        """Criterion of Hannan and Quinn (1979) of the whitened residual, and the price of BIC once an effect.
+        """Minus twice the log-likelihood of the whitened residual, and the price of what was chosen."""
+        return self.n_samples * np.log(max(self.fit.cost, 1e-300) / self.n_samples) + self.price
+
+    @cached_property
+    def price(self) -> float:
+        """Price of Hannan and Quinn (1979) a parameter, and that of BIC once an effect.
 
         Whether an effect is there was tested; among effects with different numbers of parameters the milder
         price of the former decides, since their shapes are fitted within narrow physical ranges. An effect
-        that one meets elsewhere pays for its odd place.
+        that one meets elsewhere pays for its odd place. One that acts for a while pays for the samples at
+        which it begins and ends, each chosen among all.
         """
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
-        return n * np.log(max(self.fit.cost, 1e-300) / n) + price
+        return price + 2 * np.log(n) * sum(np.isfinite(effect.during).sum() for effect in self.effects)
 
 
 def odd(candidate: Candidate) -> bool:

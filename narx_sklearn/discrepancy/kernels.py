@@ -163,6 +163,8 @@ def _simulate_windows(
     jumps,
     after,
     inertial,
+    begins,
+    ends,
     p,
     x0,
     u,
@@ -188,7 +190,8 @@ def _simulate_windows(
     rows where inputs are constant there. A force that acts `after` the step too is a hard limit: within the
     step it acts at once where the limit has been reached, and then on the mean rate of the whole step, so
     that it is met exactly. An `inertial` force accelerates a map's signal, on whose rate it depends; where
-    nothing else is its second argument, that is the acceleration without it.
+    nothing else is its second argument, that is the acceleration without it. Each acts in the steps that
+    start between its times `begins` and `ends`, counted from where the session began.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -204,6 +207,7 @@ def _simulate_windows(
     before = np.empty(n_states)
     now = np.empty(n_inputs)
     observed = np.empty(n_outputs)
+    share = np.zeros(MAX_EFFECTS)
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
@@ -230,7 +234,9 @@ def _simulate_windows(
                 x_out[k, i] = x[i]
                 if not abs(x[i]) < UNBOUNDED:
                     broken = True
+            since = (k - began[w]) * dt
             for e in range(n_forces):
+                share[e] = strength[e] if begins[e] <= since < ends[e] else 0.0
                 for j in range(memory[e]):
                     z_out[k, e * MAX_MEMORY + j] = z[e, j]
             if broken:
@@ -266,7 +272,7 @@ def _simulate_windows(
                     _write(equation, stage, now, p, nominal)
                     for i in range(n_states):
                         slope[r, i] = nominal[i]
-                    time = (k - began[w]) * dt + s * h + step
+                    time = since + s * h + step
                     for e in range(n_forces):
                         argument = 0.0
                         rate = 0.0
@@ -298,7 +304,7 @@ def _simulate_windows(
                             _row(theta, e),
                             _row(dz, 4 * e + r),
                         )
-                        force *= strength[e] * (dt * dt if inertial[e] else 1.0)
+                        force *= share[e] * (dt * dt if inertial[e] else 1.0)
                         slope[r, port[e]] += force
                         if onward[e] >= 0:
                             slope[r, onward[e]] -= theta[e, SPILL] * force
@@ -314,7 +320,7 @@ def _simulate_windows(
                     argument, rate = _moved(weights, e, before, x, h)
                     other = _weighed(_row(seconds, e), now, before)
                     own = (x[port[e]] - before[port[e]]) / force_step
-                    time = (k - began[w]) * dt + s * h
+                    time = since + s * h
                     force = _force_at(force_addresses[e])(
                         argument,
                         rate,
@@ -326,7 +332,7 @@ def _simulate_windows(
                         _row(theta, e),
                         _row(dz, 4 * e),
                     )
-                    force *= strength[e] * force_step
+                    force *= share[e] * force_step
                     x[port[e]] += force
                     if onward[e] >= 0:
                         x[onward[e]] -= theta[e, SPILL] * force
@@ -348,7 +354,7 @@ def _simulate_windows(
                                 rate,
                                 own,
                                 other,
-                                (k - began[w]) * dt + step,
+                                since + step,
                                 dt,
                                 _row(z_stage, e),
                                 _row(theta, e),
@@ -378,7 +384,7 @@ def simulate_windows():
         MATRIX,
         INTEGERS,
         *[FLAGS] * 3,
-        VECTOR,
+        *[VECTOR] * 3,
         MATRIX,
         MATRIX,
         MATRIX,

@@ -15,11 +15,9 @@ from narx_sklearn.discrepancy.locate import (
     port_table,
     ports_of,
     regions,
-    segments,
     tangent,
 )
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.trimmed import trimmed_residual
 
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
 MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
@@ -36,7 +34,8 @@ class Location(NamedTuple):
     ports : DataFrame
         Ports by how well an unknown signal there explains the residual.
     segments : DataFrame
-        Stretches of time that hold more of the error than chance.
+        Stretches of time that hold more of the error than chance; ``effect`` names what acts in one for a
+        while, where that was found, and is empty where it is not known.
     regions : DataFrame
         Readable rules, each with its share of the energy of what acts and of the time; ``effect`` says what
         that is: one that was named, or, empty, the unknown signal at the likeliest port.
@@ -71,12 +70,6 @@ def locate(diagnosis: Diagnosis, random_state=None) -> Location:
     )
     residual = problem.y - run.y
     inside = slice(int(windows.first[0]), int(windows.last[-1]))
-    local = trimmed_residual(problem, diagnosis.refitted)[inside]
-    found_segments = segments(local, simulator.dt, u=problem.u[inside], random_state=random_state)
-    for column in ("start", "stop"):
-        found_segments[column] = found_segments[column] + inside.start
-    for column in ("start_s", "stop_s"):
-        found_segments[column] = found_segments[column] + inside.start * simulator.dt
     if diagnosis.verdict in ("explained", "ambiguous"):
         rules = _where_effects_act(diagnosis)
     else:
@@ -89,7 +82,7 @@ def locate(diagnosis: Diagnosis, random_state=None) -> Location:
     spectrum = bands(residual[inside, 0], problem.y[inside, 0], simulator.dt)
     samples = np.arange(inside.start, inside.stop)
     force = pd.DataFrame({"sample": samples, "force": best.w[inside], "deviation": best.w_std[inside]})
-    return Location(table, found_segments, rules, spectrum, force)
+    return Location(table, _stretches(diagnosis), rules, spectrum, force)
 
 
 def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFrame:
@@ -117,6 +110,25 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
         found.append(regions(added, table, floor=floor, noise_free=True).assign(effect=placed.effect.code))
     some = [rules for rules in found if len(rules)]
     return pd.concat(some, ignore_index=True) if some else found[0]
+
+
+def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
+    """Return the times at which the effects found act, where any does for a while; else what stands out."""
+    table, _, residual = diagnosis.stretches
+    windows, dt = diagnosis.problem.windows, diagnosis.problem.simulator.dt
+    passing = [effect for effect in diagnosis.best.effects if effect.passes]
+    if diagnosis.verdict not in ("explained", "ambiguous") or not passing:
+        return table.assign(effect="")
+    samples = np.arange(int(windows.first[0]), int(windows.last[-1]))
+    energy = np.nansum(residual[samples] ** 2, axis=1)
+    rows = []
+    for effect in passing:
+        acts = effect.acts_at((samples - windows.began[0]) * dt)
+        start, stop = samples[acts][[0, -1]] + (0, 1)
+        row = {"start": start, "stop": stop, "start_s": start * dt, "stop_s": stop * dt}
+        row |= {"share": energy[acts].sum() / energy.sum(), "time_share": acts.mean(), "z_score": np.nan}
+        rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.effect.code})
+    return pd.DataFrame(rows)
 
 
 def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:

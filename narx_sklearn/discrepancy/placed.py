@@ -8,6 +8,8 @@ import numpy as np
 
 from narx_sklearn.physics.effects import Effect
 
+ALWAYS = (-np.inf, np.inf)
+
 
 class Port(NamedTuple):
     """Where something enters a simulator."""
@@ -47,6 +49,8 @@ class PlacedEffect:
         is then an acceleration, and ``dt**2`` of it is added to the signal.
     odd : bool
         Whether one meets the effect elsewhere, not at such a place.
+    during : tuple of (float, float)
+        Seconds since a session began, from the first of which it acts until the second; always by default.
     """
 
     effect: Effect
@@ -61,6 +65,7 @@ class PlacedEffect:
     second_unit: str = ""
     inertial: bool = False
     odd: bool = False
+    during: tuple[float, float] = ALWAYS
 
     def at(self, theta) -> "PlacedEffect":
         """Return it with other parameter values."""
@@ -69,7 +74,20 @@ class PlacedEffect:
     @property
     def place(self) -> tuple:
         """Everything but the parameter values: two of one place are the same hypothesis."""
-        return (self.effect.code, self.port, self.weights, self.second, self.onward)
+        return (self.effect.code, self.port, self.weights, self.second, self.onward, self.during)
+
+    @property
+    def passes(self) -> bool:
+        """Whether it acts for a while only."""
+        return self.during != ALWAYS
+
+    def always(self) -> "PlacedEffect":
+        """Return it acting at all times."""
+        return replace(self, during=ALWAYS)
+
+    def acts_at(self, time: np.ndarray) -> np.ndarray:
+        """Tell, for times since a session began, s, whether it acts."""
+        return (self.during[0] <= time) & (time < self.during[1])
 
     @property
     def bounds(self) -> np.ndarray:

@@ -32,6 +32,7 @@ from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
+from narx_sklearn.discrepancy.temporary import only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
     Lead,
@@ -228,6 +229,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def predict(self, X, y_init=None, sessions=None):
         """Run the corrected simulation.
 
+        An effect that was found to act for a while acts at the same times since each session began.
+
         Parameters
         ----------
         X : array-like or DataFrame of shape (n_samples, n_inputs)
@@ -335,6 +338,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def to_narx(self, X, **settings):
         """Identify a NARX model of the corrected simulation, ready for a compensator.
 
+        What acts for a while only is left out.
+
         Parameters
         ----------
         X : array-like of shape (n_samples, n_inputs)
@@ -349,13 +354,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         u = read_inputs(X, self.simulator_)
-        y = self.simulator_.run(
-            u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(self.simulator_.states)))
-        ).y
-        order = max(2, len(self.simulator_.states))
+        lasting = self.simulator_.with_effects([e for e in self.simulator_.effects if not e.passes])
+        y = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states)))).y
+        order = max(2, len(lasting.states))
         known = {"output_lags": order, "input_lags": order, "degree": 3} | settings
         if "phi" not in settings:
-            known["phi"] = effect_regressors(self.simulator_)
+            known["phi"] = effect_regressors(lasting)
         return NARXRegressor(**known).fit(u, y[:, 0] if y.shape[1] == 1 else y).model_
 
     def _rivals(self, between) -> dict:
@@ -380,7 +384,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         for candidate in pool:
             name = in_short(candidate.effects) or "nothing"
             model = candidate.fit.model
-            rivals.setdefault(name, base.with_parameters(model.p).with_effects(model.effects))
+            effects = [effect.always() for effect in model.effects]
+            rivals.setdefault(name, base.with_parameters(model.p).with_effects(effects))
             if len(rivals) == (MOST_RIVALS if between else wanted):
                 break
         if len(rivals) < 2:
@@ -503,10 +508,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         if self.findings_ and self._harms(held_out):
-            # what was found makes held-out samples worse: it is not used, and is no explanation, unless it is
-            # a drift, whose course nobody can foresee
+            ended = only_where_fitted(diagnosis.problem, diagnosis.best)
+            if ended is not None:  # what began may have ended since
+                self._store(replace(diagnosis, best=ended), u, y, held_out)
+                return
+            # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
+            # drifts or acts for a while: nobody can foresee its course, or whether it acts again
             self.simulator_ = self.refitted_simulator_
-            if self.findings_[0].effect != DRIFT:
+            if not any(e.passes or e.effect.code == DRIFT for e in diagnosis.best.effects[:1]):
                 self.verdict_ = "unknown"
         self.report_ = report_text(self)
 

@@ -92,7 +92,10 @@ def _scores(dx) -> list[str]:
     if dx._late_only:
         lines.append("   What is missing shows near the end only, so the beginning was held out instead.")
     if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
-        lines.append("   Nobody can foresee the course of a drift: the corrected simulation leaves it out.")
+        lines.append(
+            "   Nobody can foresee a drift, or when what acts for a while will act again: the corrected "
+            "simulation leaves it out."
+        )
     return [*lines, ""]
 
 

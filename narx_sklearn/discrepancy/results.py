@@ -61,6 +61,8 @@ class Finding:
         The look-alikes with their places, ``"code at port"``.
     confidence : float, default=0.0
         Weight of this effect among all that were tried in its place.
+    during : tuple of (float, float), default=None
+        Seconds since the session began, between which it acts; None where it always does.
     evidence : dict, default=None
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
         ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``.
@@ -82,6 +84,7 @@ class Finding:
     separate_by: str = ""
     rivals: tuple[str, ...] = ()
     confidence: float = 0.0
+    during: tuple[float, float] | None = None
     evidence: dict | None = None
 
     @property

@@ -338,11 +338,13 @@ def _slots(forces, n_inputs: int, n_states: int):
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     strength = np.zeros(MAX_EFFECTS)
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
+    begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
         port[i], onward[i] = placed.port.index, placed.onward
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         inertial[i] = placed.inertial
+        begins[i], ends[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
             seconds[i] = placed.second
@@ -351,7 +353,8 @@ def _slots(forces, n_inputs: int, n_states: int):
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
-    return addresses, n, port, onward, weights, seconds, strength, theta, memory, jumps, after, inertial
+    flags = jumps, after, inertial
+    return addresses, n, port, onward, weights, seconds, strength, theta, memory, *flags, begins, ends
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
@@ -376,18 +379,19 @@ def _applied(
         column = out[:, placed.port.index].copy()
         other = placed.second_of(signals if driven is None else driven)
         # an effect has acted since the session began, also where no window is and its memory waits
-        keep, begin = _since_the_sessions_began(windows)
+        keep, age, begin = _since_the_sessions_began(windows)
         inside = column[keep]
+        share = scale * placed.acts_at(age * dt)
         theta = np.array(placed.theta)
         if is_held and placed.effect.held is not None:
             changed, rise = placed.effect.held(inside, dt, theta, begin)
             tilt = tilt if len(tilt) else np.zeros_like(signals)
-            tilt[keep, placed.port.index] += scale * rise
+            tilt[keep, placed.port.index] += share * rise
         else:
             changed = placed.effect.transform(
                 inside, None if other is None else other[keep], dt, theta, begin
             )
-        out[keep, placed.port.index] = inside + scale * (changed - inside)
+        out[keep, placed.port.index] = inside + share * (changed - inside)
     return out, tilt
 
 
@@ -400,10 +404,14 @@ def _covered(windows: Windows, n_samples: int) -> np.ndarray:
     return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
 
 
-def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """Return the samples of the sessions up to their last windows, and where each begins among them."""
+def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the samples of the sessions up to their last windows, and where each begins among them.
+
+    Between the two: how many samples of its session went before each.
+    """
     began = np.unique(windows.began)
     stop = [windows.last[windows.began == first].max() for first in began]
-    samples = [np.arange(a, b) for a, b in zip(began, stop, strict=True)]
-    lengths = [part.size for part in samples]
-    return np.concatenate([np.arange(0), *samples]), np.cumsum([0, *lengths])[:-1]
+    ages = [np.arange(b - a) for a, b in zip(began, stop, strict=True)]
+    age = np.concatenate([np.arange(0), *ages])
+    begin = np.cumsum([0, *(part.size for part in ages)])[:-1]
+    return age + np.repeat(began, [part.size for part in ages]), age, begin

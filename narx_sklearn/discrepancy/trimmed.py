@@ -1,5 +1,7 @@
 """What the quieter half of a record says of a simulator's parameters, and what that leaves of the rest."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from narx_sklearn.discrepancy.noise import Noise
@@ -15,8 +17,15 @@ STEPS = 5  # of choosing windows and fitting to them, at most
 ITERATIONS = 10
 
 
-def trimmed_residual(problem: Problem, refitted: Fit) -> np.ndarray:
-    """Return what a simulator leaves with parameters from the quieter half of the record.
+class Trimmed(NamedTuple):
+    """A simulator without effects whose parameters come from the quieter half of a record."""
+
+    p: np.ndarray  # (n_parameters,)
+    residual: np.ndarray  # (n_samples, n_outputs) recording less simulation; NaN outside the windows
+
+
+def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
+    """Fit a simulator's parameters to the quieter half of the record.
 
     What acts for a while only bends the parameters of a fit to the whole record, and then a bit is left
     everywhere. Least trimmed squares over windows leaves it where it is: parameters are fitted to the windows
@@ -30,8 +39,8 @@ def trimmed_residual(problem: Problem, refitted: Fit) -> np.ndarray:
 
     Returns
     -------
-    ndarray of shape (n_samples, n_outputs)
-        Recording less simulation, initial states of every window fitted; NaN outside the windows.
+    Trimmed
+        The initial state of every short window is fitted to it.
 
     References
     ----------
@@ -54,7 +63,7 @@ def trimmed_residual(problem: Problem, refitted: Fit) -> np.ndarray:
     deviation = size - np.median(size)
     model = _fitted_to(everything, model, deviation <= ORDINARY * np.median(np.abs(deviation)))
     model, _ = _begun_anew(everything, model, lengths)
-    return everything.y - everything.run(model).y
+    return Trimmed(model.p, everything.y - everything.run(model).y)
 
 
 def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:

@@ -5,7 +5,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.acting import correction_name, correction_unit, signal_change, state_forces
+from narx_sklearn.discrepancy.acting import (
+    acts_along,
+    correction_name,
+    correction_unit,
+    signal_change,
+    state_forces,
+)
 from narx_sklearn.discrepancy.locate import force_curve, latent_force, tangent
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.report._runs import Material
@@ -59,6 +65,7 @@ def effect_curves(dx, material: Material) -> list[EffectCurve]:
 def _curve(simulator, material: Material, index: int, windows: Windows, rows, thin, force) -> EffectCurve:
     """Return the curve of one effect; ``force`` is its argument and force where it acts at a state."""
     placed = simulator.effects[index]
+    acts = acts_along(placed, windows, rows, simulator.dt)
     others = simulator.with_effects([e for i, e in enumerate(simulator.effects) if i != index])
     run = others.run(material.u, windows, material.after.x[windows.first])
     residual = material.y - run.y
@@ -70,14 +77,15 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         latent = latent_force(tangent(others, run, material.u, windows), residual, windows, placed.port)
         needed, sure = latent.w, latent.w_std[rows]
     if placed.port.kind == "state":
-        argument, fitted = force
+        argument, fitted = (values[acts[_thinned(rows)]] for values in force)
         at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
         needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
         signal = material.u if placed.port.kind == "input" else run.y
         at = signal[rows, placed.port.index]
         argument, fitted = signal_change(placed, signal, material.u, windows, rows, simulator.dt)
-        argument, fitted = argument[_thinned(rows)], fitted[_thinned(rows)]
+        argument, fitted = (values[_thinned(rows)][acts[_thinned(rows)]] for values in (argument, fitted))
+    rows, at, sure = rows[acts], at[acts], None if sure is None else sure[acts]
     table = force_curve(needed[rows], at, w_std=sure)
     table["fitted"] = _medians(fitted, argument, table["argument"].to_numpy())
     keep = np.isin(rows, thin)

@@ -1,0 +1,215 @@
+"""Effects that act for a while only, looked for where the rest of the record leaves a mismatch."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.bank import Bank, make_bank
+from narx_sklearn.discrepancy.coloured_search import converged, hypotheses_of, pool_of
+from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.explain import (
+    FINE,
+    HARDLY,
+    IN_REACH,
+    Candidate,
+    Step,
+    leaders,
+    refit_leaders,
+)
+from narx_sklearn.discrepancy.lookalikes import likeliest
+from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.stretches import Stretches
+from narx_sklearn.discrepancy.structure import Structure
+
+OF_TIME = {"additive_drift", "gain_drift", "stuck_sensor", "quantisation"}  # have their times, or have none
+MOST = 0.8  # of the time that was looked at; what acts longer may as well act always
+LEADERS = 8  # effects that are fitted
+RIVALS = 6  # of those that always act, kept beside
+AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
+FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
+BLOCKS = 256  # in which stretches are looked for, so about half the square of it were tried
+SHARE = 0.5  # of alpha, for what acts for a while
+PASSES = 3  # over both ends, at most
+SETTLED = 4  # iterations of a fit when an end is moved
+CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)  # all that explains most may lead
+
+Span = tuple[float, float]  # s since the session began
+
+
+class InSpan(NamedTuple):
+    """What was found to act in a span of time."""
+
+    problem: Problem  # under the noise of the rest
+    bank: Bank
+    candidates: list[Candidate]  # best first
+    value: float  # deviance of the best, its price added; that of different spans can be compared
+
+
+def search_in_stretches(
+    problem: Problem,
+    refitted: Fit,
+    steps: list[Step],
+    stretches: Stretches,
+    structure: Structure,
+    settings: Settings,
+) -> tuple[Problem, Fit, list[Step]] | None:
+    """Search for effects that act in a stretch of the record; None where none explains it better.
+
+    What acts for a while bends the parameters and the noise of a fit to the whole record, so both are taken
+    from the rest of it. The ends of the stretch are settled with the effect in it. It must take off more than
+    noise of any colour would let the best of all stretches, effects and shapes, and be likelier than the best
+    of what always acts, each under noise of its own and with its price.
+
+    Parameters
+    ----------
+    problem, refitted, steps
+        What the search for effects that always act came to.
+    stretches : Stretches
+        Where the mismatch is.
+    """
+    spans = _spans(problem, stretches)
+    if not spans:
+        return None
+    settings.tell("search for what acts for a while")
+    base = _with_initial_states(problem, refitted.model._replace(p=stretches.p)).model
+    looks = (_found_in(span, problem, base, structure, settings) for span in spans)
+    found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
+    if found is None:
+        return None
+    best_yet = found.candidates[0].criterion
+    near = [c for c in found.candidates if c.criterion < best_yet + IN_REACH]
+    settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(_settled)(found.problem, c) for c in near
+    )
+    best = min(settled, key=lambda c: c.criterion)
+    value = deviance(found.problem, best.fit.model)
+    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * BLOCKS**2 / 2
+    gained = deviance(problem, refitted.model) - value
+    chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
+    if chance > SHARE * settings.alpha:
+        return None
+    always = pool_of(steps)
+    if always and steps[0].detection.p_value <= settings.alpha:
+        rival = likeliest(always, refitted.cost)
+        if deviance(problem, rival.fit.model) + rival.price <= value + best.price + HARDLY:
+            return None
+    problem = problem.with_noise(clearer_noise(found.problem, best.fit) or found.problem.noise)
+    span = best.effects[0].during
+    models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
+    models += [_in_span(c, span) for c in found.candidates[len(near) :]]
+    fits = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(fit)(problem, model, iterations=FINE) for model in models
+    )
+    candidates = [Candidate(f, problem.n_seen) for f in fits if np.isfinite(f.cost)]
+    detection = steps[0].detection._replace(p_value=chance)
+    return problem, fit(problem, refitted.model), [Step(detection, found.bank, candidates)]
+
+
+def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | None:
+    """Return a set whose effects do not act beyond the samples fitted, where one did but not always."""
+    windows, dt, model = problem.windows, problem.simulator.dt, candidate.fit.model
+    first, last = (float(k - windows.began[0]) * dt for k in (windows.first[0], windows.last[-1]))
+    effects = tuple(
+        replace(e, during=(max(e.during[0], first), min(e.during[1], last))) if e.passes else e
+        for e in model.effects
+    )
+    if effects == model.effects:
+        return None
+    return Candidate(candidate.fit._replace(model=model._replace(effects=effects)), candidate.n_samples)
+
+
+def _spans(problem: Problem, stretches: Stretches) -> list[Span]:
+    """Return the times between which something may have acted: all stretches together, and the largest.
+
+    Where one reaches an end, what acted may as well be missing in it and there in the rest, which was taken
+    for ordinary. Of several sessions each has times of its own, and nothing is looked for.
+    """
+    windows, table, dt = problem.windows, stretches.table, problem.simulator.dt
+    if not len(table) or np.unique(windows.began).size > 1:
+        return []
+    start, stop = table["start"].to_numpy(), table["stop"].to_numpy()
+    largest = int(table["share"].to_numpy().argmax())
+    first, last, began = int(windows.first[0]), int(windows.last[-1]), int(windows.began[0])
+    near = AT_AN_END * (last - first)
+    found: list[Span] = []
+    for a, b in ((start.min(), stop.max()), (start[largest], stop[largest])):
+        if b - a <= MOST * (last - first):
+            begins = -np.inf if a - first < near else float(a - began) * dt
+            ends = np.inf if last - b < near else float(b - began) * dt
+            found += [(begins, ends)]
+            found += [(ends, np.inf)] * (begins == -np.inf) + [(-np.inf, begins)] * (ends == np.inf)
+    return list(dict.fromkeys(found))
+
+
+def _found_in(
+    span: Span, problem: Problem, base: Model, structure: Structure, settings: Settings
+) -> InSpan | None:
+    """Fit the effects that explain most in a span of time, under the noise of the rest."""
+    time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
+    quiet = problem.seen & ~((span[0] <= time) & (time < span[1]))[:, :, None]
+    left = np.where(quiet, problem.left_over(base), 0.0)
+    own = problem.with_noise(estimate_noise(left, quiet))
+    start = _with_initial_states(own, base)
+    hypotheses = [
+        h._replace(placed=replace(h.placed, during=span))
+        for h in hypotheses_of(own, start, structure, settings)
+        if h.asked and h.placed.effect.code not in OF_TIME
+    ]
+    bank = make_bank(own, start, hypotheses, settings.n_jobs)
+    placed = leaders(bank, LEADERS, CERTAIN, 1.0)
+    found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
+    if not found:
+        return None
+    return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
+
+
+def _with_initial_states(problem: Problem, model: Model) -> Fit:
+    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool))
+
+
+def _in_span(candidate: Candidate, span: Span) -> Model:
+    """Return the model of a candidate with its effect acting in another span."""
+    (effect,) = candidate.effects
+    return candidate.fit.model._replace(effects=(replace(effect, during=span),))
+
+
+def _settled(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return an effect that acts for a while with the ends of its time where they fit best.
+
+    Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
+    """
+    windows, dt = problem.windows, problem.simulator.dt
+    length = float(windows.last[-1] - windows.began[0]) * dt
+
+    def moved(span: Span, end: int, way: float) -> Span:
+        to = round((span[end] + way) / dt) * dt
+        return (to, span[1]) if end == 0 else (span[0], to)
+
+    def descended(best: Candidate, step: float) -> Candidate:
+        while step > max(FINEST * length, dt):
+            for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
+                span = best.effects[0].during
+                if not np.isfinite(span[end]):
+                    continue
+                span = moved(span, end, way)
+                if max(span[0], 0.0) + 2 * dt < min(span[1], length):
+                    trial = fit(problem, _in_span(best, span), iterations=SETTLED, rough=True)
+                    if trial.cost < best.fit.cost:
+                        best = Candidate(trial, best.n_samples)
+            step /= 2
+        return best
+
+    begins, ends = candidate.effects[0].during
+    step = 0.25 * (min(ends, length) - max(begins, 0.0))
+    best = candidate
+    for _ in range(PASSES):
+        before, best = best, descended(best, step)
+        if best is before:
+            break
+    return converged(problem, best)

@@ -1,0 +1,299 @@
+"""Effects that act for a while: how they run, how they are found, and what is not taken for one."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.acting import correction
+from narx_sklearn.discrepancy.coloured_search import coloured_search
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.findings import when_in_words
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.stretches import Stretches
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.temporary import _spans, only_where_fitted, search_in_stretches
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.model.simulation import free_run
+from narx_sklearn.physics.effects import CATALOGUE
+
+DT = 0.02
+FRICTION = 1.5
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def rubbing(x, u, p):
+    """The stage, where u[1] says how much of a dry friction rubs; smooth near rest."""
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - u[1] * np.tanh(x[1] / 0.003)
+
+
+def make(rhs=stage, inputs=("drive [V]",), parameters=(1.0, 0.8, 12.0), **settings):
+    names = "gain [m/s^2/V]", "damping [1/s]", "stiffness [1/s^2]"
+    return ODESimulator(
+        rhs,
+        dt=DT,
+        parameters=dict(zip(names, parameters, strict=True)),
+        states=["position [m]", "velocity [m/s]"],
+        inputs=list(inputs),
+        **settings,
+    )
+
+
+def drive(n, seed=0):
+    return np.repeat(np.random.default_rng(seed).normal(0, 3, n // 10), 10)[:, None]
+
+
+def rubbed(n=4000, start=1200, stop=2300, noise=0.004):
+    """A recording of the stage on which something rubbed for a while."""
+    u = drive(n)
+    there = FRICTION * ((np.arange(n) >= start) & (np.arange(n) < stop))
+    machine = make(rubbing, ("drive [V]", "rub [m/s^2]"), (1.1, 0.7, 11.0), substeps=10)
+    y = machine.simulate(np.column_stack([u[:, 0], there]))
+    return u, y + noise * np.random.default_rng(1).normal(size=y.shape)
+
+
+@pytest.fixture(scope="module")
+def found():
+    effects = ["coulomb_friction", "viscous_damping", "constant_load", "cubic_stiffness", "dead_zone"]
+    return DiscrepancyRegressor(make(), effects=effects).fit(*rubbed())
+
+
+def integrator(x, u, p):
+    return (p[0] * u[0],)
+
+
+def test_a_load_acts_in_the_steps_of_its_time():
+    simulator = ODESimulator(
+        integrator, dt=0.5, parameters={"gain": 1.0}, states=["level [m]"], inputs=["flow [m/s]"]
+    )
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 0), (1.0,), theta=(2.0,), during=(1.0, 2.5))
+    y = simulator.with_effects([load]).simulate(np.zeros(8))[:, 0]
+    np.testing.assert_allclose(y, [0, 0, 0, 1, 2, 3, 3, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["input", "output"])
+def test_a_signal_is_changed_in_its_time_only(kind):
+    code = "input_polynomial" if kind == "input" else "sensor_bias"
+    effect = CATALOGUE[code]
+    theta = tuple(0.3 for _ in effect.parameters)
+    simulator, u = make(), drive(200)
+    passing = PlacedEffect(effect, Port(kind, 0), theta=theta, during=(1.0, 2.0))
+    plain = simulator.simulate(u)
+    with_it = simulator.with_effects([passing]).simulate(u)
+    np.testing.assert_array_equal(with_it[:50], plain[:50])
+    changed = plain if kind == "output" else u
+    changed = np.concatenate(
+        [
+            changed[:50],
+            effect.transform(changed[:, 0], None, DT, np.array(theta), np.array([0]))[50:100, None],
+            changed[100:],
+        ]
+    )
+    expected = changed if kind == "output" else simulator.simulate(changed)
+    np.testing.assert_allclose(with_it, expected, atol=1e-12)
+    assert np.std(with_it - plain) > 0.01
+
+
+def test_times_are_counted_from_where_a_session_began_in_any_window():
+    load = PlacedEffect(
+        CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(2.0,), during=(1.0, 2.0)
+    )
+    simulator, u = make().with_effects([load]), drive(200)
+    whole = simulator.simulate(u)
+    twice = simulator.simulate(np.concatenate([u, u]), sessions=np.repeat([0, 1], 200))
+    np.testing.assert_array_equal(twice, np.concatenate([whole, whole]))
+    windows = Windows.whole([slice(0, 200)])
+    run = simulator.run(u, windows, np.zeros((1, 2)))
+    later = Windows(np.array([70]), np.array([200]), np.array([True]), np.array([0]))
+    np.testing.assert_allclose(simulator.run(u, later, run.x[[70]]).y[70:], run.y[70:], atol=1e-12)
+
+
+def test_what_it_adds_is_told_for_its_time_only():
+    friction = PlacedEffect(
+        CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.5,), during=(1.0, 2.0)
+    )
+    u = drive(200)
+    problem = Problem(
+        make(), u, np.zeros((200, 1)), cut([(slice(0, 200), 0)], 200, 8), Noise.white(np.ones(1))
+    )
+    model = Model(problem.simulator.nominal, (friction,), np.zeros((1, 2)))
+    rows, _, added = correction(problem, model, problem.run(model), 0, np.arange(200), 1000)
+    assert rows.tolist() == list(range(50, 100))
+    assert np.all(np.abs(added) <= 0.5 + 1e-12)
+    assert np.abs(added).max() == pytest.approx(0.5)
+
+
+def test_it_is_named_with_its_time(found):
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "coulomb_friction", "state:1")
+    assert finding.during == pytest.approx((1200 * DT, 2300 * DT), abs=8 * DT)
+    assert finding.parameters["Fc"] == pytest.approx(FRICTION, rel=0.05)
+    assert "velocity, from 2" in finding.place
+    assert finding.place in found.report_
+    (segment,) = found.location_.segments.to_dict("records")
+    assert segment["effect"] == "coulomb_friction"
+    assert (segment["start"], segment["stop"]) == pytest.approx((1200, 2300), abs=8)
+    assert segment["share"] > 0.8
+    p = found.parameters_
+    assert np.abs(p["augmented"] / [1.1, 0.7, 11.0] - 1).max() < 0.02
+    assert np.abs(p["refitted"] / [1.1, 0.7, 11.0] - 1).max() > 0.05  # bent by what acted for a while
+    scores = found.scores_["nrmse"]
+    assert scores["augmented"] < 0.8 * scores["refitted"]
+
+
+def test_the_corrected_simulation_holds_it_at_its_time(found):
+    u, y = rubbed()
+    again = pickle.loads(pickle.dumps(found))
+    run = again.predict(u, y_init=y[:20])
+    assert np.std(run - y) < 1.2 * 0.004
+    assert found.score(u, y) > 0.999
+
+
+def test_models_and_experiments_take_what_lasts(found):
+    u = drive(2000, seed=3)
+    plain = found.simulator_.with_effects([]).simulate(u)
+    model = found.to_narx(u)
+    assert not [regressor for regressor in model.phi if "direction" in str(regressor)]
+    error = free_run(model, u, plain[:2]).y[10:, 0] - plain[10:, 0]
+    assert np.std(error) < 0.02 * np.std(plain)
+    rivals = found._rivals(["coulomb_friction", "viscous_damping"])
+    assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
+
+
+def test_what_always_acts_is_said_to_act_always():
+    u, y = rubbed(start=0, stop=4000)
+    dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "constant_load"]).fit(u, y)
+    assert dx.findings_[0].effect == "coulomb_friction"
+    assert dx.findings_[0].during is None
+    assert (dx.location_.segments["effect"] == "").all()
+
+
+def test_what_begins_and_stays_has_no_end_unless_it_ended_unseen():
+    u, y = rubbed(start=1900, stop=4000)
+    effects = ["coulomb_friction", "constant_load"]
+    stays = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
+    assert stays.findings_[0].during == (pytest.approx(1900 * DT, abs=8 * DT), np.inf)
+    assert stays.scores_["nrmse"]["augmented"] < 0.5 * stays.scores_["nrmse"]["refitted"]
+    u, y = rubbed(start=1900, stop=3250)  # the last fifth is held out, and the friction is gone there
+    ended = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
+    assert ended.verdict_ == "explained"
+    assert ended.findings_[0].during == pytest.approx((1900 * DT, 3200 * DT), abs=8 * DT)
+
+
+def searched_in(y, u, start, stop):
+    """Search in a stretch that somebody points at."""
+    simulator = make()
+    problem = Problem(
+        simulator, u, y, cut([(slice(0, len(u)), 0)], 200, 8), Noise.white(np.array([np.std(y)]))
+    )
+    base = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
+    run = problem.run(base.model)
+    structure = find_structure(simulator, run.x, u)
+    codes = "coulomb_friction", "constant_load", "cubic_stiffness", "sensor_bias", "dead_zone"
+    settings = Settings(
+        tuple(CATALOGUE[code] for code in codes), 0.005, 2, 16, None, 0, None, lambda stage: None
+    )
+    problem, base, steps = coloured_search(problem, base, structure, settings)
+    table = pd.DataFrame({"start": [start], "stop": [stop], "share": [0.5]})
+    pointed = Stretches(table, base.model.p, problem.y - problem.run(base.model).y)
+    return search_in_stretches(problem, base, steps, pointed, structure, settings)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_in_a_stretch_that_somebody_points_at_is_noise(seed, pole):
+    u = drive(3000, seed)
+    noise = np.random.default_rng(seed + 10).normal(size=3000)
+    for k in range(1, 3000):
+        noise[k] += pole * noise[k - 1]
+    y = make(parameters=(1.1, 0.7, 11.0)).simulate(u) + 0.01 * noise[:, None]
+    start = 300 + 500 * seed
+    assert searched_in(y, u, start, start + 700) is None
+
+
+def test_a_stretch_that_is_pointed_at_badly_is_mended():
+    u, y = rubbed(3000, 1000, 2000)
+    problem, _, (step,) = searched_in(y, u, 1150, 1900)
+    best = min(step.candidates, key=lambda c: c.criterion)
+    assert best.effects[0].during == pytest.approx((1000 * DT, 2000 * DT), abs=8 * DT)
+    assert step.detection.p_value < 1e-10
+    assert problem.noise.sigma[0] == pytest.approx(0.004, rel=0.1)
+
+
+def stretches(*rows):
+    return Stretches(pd.DataFrame(rows, columns=["start", "stop", "share"]), np.zeros(3), np.zeros((1000, 1)))
+
+
+@pytest.mark.parametrize(
+    ("rows", "spans"),
+    [
+        ([], []),
+        ([(400, 600, 0.5)], [(8.0, 12.0)]),
+        ([(400, 500, 0.2), (550, 600, 0.5)], [(8.0, 12.0), (11.0, 12.0)]),
+        ([(5, 600, 0.5)], [(-np.inf, 12.0), (12.0, np.inf)]),
+        ([(700, 1000, 0.5)], [(14.0, np.inf), (-np.inf, 14.0)]),
+        ([(100, 200, 0.2), (800, 950, 0.7)], [(16.0, 19.0)]),  # together they are most of the time
+        ([(0, 1000, 0.9)], []),
+    ],
+)
+def test_times_to_look_at(rows, spans):
+    u = drive(1000)
+    problem = Problem(make(), u, u, cut([(slice(0, 1000), 0)], 200, 8), Noise.white(np.ones(1)))
+    found = _spans(problem, stretches(*rows))
+    assert len(found) == len(spans)
+    for one, wanted in zip(found, spans, strict=True):
+        assert one == pytest.approx(wanted)
+
+
+def test_sessions_have_times_of_their_own():
+    u = drive(1000)
+    pieces = [(slice(0, 500), 0), (slice(500, 1000), 500)]
+    problem = Problem(make(), u, u, cut(pieces, 100, 8), Noise.white(np.ones(1)))
+    assert _spans(problem, stretches((100, 200, 0.5))) == []
+
+
+def test_what_was_not_fitted_is_not_said():
+    u = drive(1000)
+    problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(2.0,))
+    start = fit(problem, Model(problem.simulator.nominal, (), np.zeros((4, 2))), iterations=0)
+
+    def times(during):
+
+        effects = (replace(load, during=during),)
+        ended = only_where_fitted(
+            problem, Candidate(start._replace(model=start.model._replace(effects=effects)), 9)
+        )
+        return ended and ended.effects[0].during
+
+    assert times(ALWAYS) is None
+    assert times((2.0, 3.0)) is None
+    assert times((2.0, np.inf)) == (2.0, pytest.approx(16.0))
+    assert times((-np.inf, 3.0)) == (0.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("during", "words"),
+    [
+        (ALWAYS, ""),
+        ((3.0, 7.5), ", from 3 s to 7.5 s"),
+        ((3.0, np.inf), ", from 3 s on"),
+        ((-np.inf, 7.5), ", until 7.5 s"),
+    ],
+)
+def test_times_in_words(during, words):
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(2.0,), during=during)
+    assert when_in_words(load) == words
+    assert load.passes == bool(words)
+    assert load.always().during == ALWAYS
