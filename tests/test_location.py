@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.locate import features, regions
 from narx_sklearn.discrepancy.location import _slope
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Signal
 from narx_sklearn.discrepancy.trimmed import trimmed
 from narx_sklearn.discrepancy.windows import cut
 
@@ -153,3 +155,45 @@ def test_what_acts_everywhere_has_no_region_and_hides_none_of_another():
     dx = DiscrepancyRegressor(make(stage, 1.0, 0.8, 12.0), effects=effects).fit(u, y)
     assert {finding.effect for finding in dx.findings_} == set(effects)
     assert dx.location_.regions["effect"].tolist() == ["clearance"]
+
+
+def walk(n=4000, seed=3):
+    """Signals of a level above zero and of a drive, and all that is said of them."""
+    rng = np.random.default_rng(seed)
+    level = 5.0 + np.cumsum(rng.normal(0, 0.05, n)) % 4.0
+    u = np.repeat(rng.uniform(2, 8, n // 10), 10)
+    signals = {"inputs": [Signal("pump", "V")], "states": [Signal("level", "cm")]}
+    return level, u, features(u[:, None], level[:, None], 0.1, **signals)
+
+
+def test_what_is_often_nothing_has_its_region_where_it_is_anything():
+    level, _, table = walk()
+    excess = np.maximum(level - 7.5, 0.0)
+    (rule,) = regions(excess, table, noise_free=True).to_dict("records")
+    (condition,) = rule["conditions"]
+    assert (condition.feature, condition.high) == ("level [cm]", np.inf)
+    assert condition.low == pytest.approx(7.5, abs=0.01)
+    assert rule["share"] == pytest.approx(1.0)
+
+
+def test_a_range_of_a_signal_is_told_by_its_bounds_not_by_distances():
+    _, u, table = walk()
+    dead = np.where(np.abs(u - 5.0) < 1.0, u - 5.0, 0.0)
+    (rule,) = regions(dead, table, noise_free=True).to_dict("records")
+    (condition,) = rule["conditions"]
+    assert condition.feature == "pump [V]"
+    assert (condition.low, condition.high) == pytest.approx((4.0, 6.0), abs=0.05)
+
+
+def test_directions_are_told_where_signals_alone_say_less():
+    _, _, table = walk()
+    falling = np.where(table["direction of level"] < 0, 1.0, 0.0)
+    (rule,) = regions(falling, table, noise_free=True).to_dict("records")
+    assert rule["rule"] == "level falling"
+
+
+def test_a_division_that_says_next_to_nothing_is_not_made():
+    level, u, table = walk()
+    mostly = np.where((level > 7.5) & ((u < 7.95) | (level > 8.5)), 1.0, 0.0)
+    (rule,) = regions(mostly, table, noise_free=True).to_dict("records")
+    assert [condition.feature for condition in rule["conditions"]] == ["level [cm]"]

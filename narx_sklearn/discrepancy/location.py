@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows
 
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
 MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
-NOTICEABLE = 0.05  # of the largest square of a slope, below which it is as good as none
+NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
 LONGEST = 100_000  # samples looked at; the windows in the middle of a longer record stand for it
 

@@ -57,7 +57,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     The simulator's own parameters and the initial states are always fitted first, so that a wrong number is
     never sold as missing physics. A test that holds whatever the colour of the noise then says whether
     anything is missing; effects of the catalogue at every port are ordered, refitted and compared; what
-    cannot be told apart is reported as such, with the experiment that would tell. Where none is found, what
+    cannot be told apart is reported as such, with the experiment that would tell. Where a stretch of the
+    record disagrees more than the rest, effects that act there only are tried too. Where none is found, what
     is left over must depend on nothing, come in no bursts and hold no line, as noise does.
 
     Parameters
@@ -80,8 +81,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Samples in a fitting window. When not given, twenty time constants of the simulator; a fortieth of
         the record and then a quarter of it where an integrator or an unstable mode does not forget.
     test_fraction : float, default=0.2
-        Last share of each session kept out of every decision, for the verification. Where nothing is missing
-        before it, a second look keeps out the first share instead: a limit may be met at the end only.
+        Last share of each session kept out of every decision, for the verification (but whether what began
+        and stayed still acts there). Where nothing is missing before it, a second look keeps out the first
+        share instead: a limit may be met at the end only.
     random_state : int, default=0
         Seed of the sign flips and of the bootstrap.
     n_jobs : int, optional

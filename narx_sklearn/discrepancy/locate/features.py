@@ -8,6 +8,7 @@ import pandas as pd
 from narx_sklearn.discrepancy.simulator import Signal
 from narx_sklearn.discrepancy.units import tidy_unit
 
+DERIVED = "distance from the ends of", "rate of", "direction of", "time since reversal of"
 SAME = 0.999  # correlation above which a rate is a state that is there already
 
 
@@ -70,6 +71,11 @@ def features(
         columns[f"direction of {name}"] = direction
         columns[_label("time since reversal of", name, "s")] = _since_reversal(direction, first) * dt
     return pd.DataFrame(columns)
+
+
+def plain(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the features that are signals or their sizes."""
+    return table[[name for name in table.columns if not str(name).startswith(DERIVED)]]
 
 
 def _label(what: str, name: str, unit: str) -> str:

@@ -7,10 +7,15 @@ import pandas as pd
 from scipy.stats import false_discovery_control
 from sklearn.tree import DecisionTreeRegressor
 
+from narx_sklearn.discrepancy.locate.features import plain
+
 MAX_LEAVES = 6
 MAX_DEPTH = 3
 SMALLEST_LEAF = 0.02  # of the samples
 LEAST_SHARE = 0.02  # of the energy, where there is no noise
+NOTHING = 1e-6  # of the largest size, below which a computed signal is not there
+OFTEN = 0.05  # share of the samples at which it is not, that makes its region where it is there at all
+WORTH = 0.05  # of the variance, that a division must take off where there is no noise
 FEWEST = 3  # samples of a leaf where there is no noise
 TRAINING_SAMPLES = 20_000
 N_WINDOWS = 60  # every second one makes the rules, the others judge them
@@ -101,7 +106,8 @@ def regions(
         energy when not given.
     noise_free : bool, default=False
         The signal is computed, not measured: regions may be as small as a few samples, and are not judged
-        (their ``p_value`` is 0).
+        (their ``p_value`` is 0). Where it is often nothing at all, they are where it is anything, else where
+        it is large.
     random_state : int or None, default=None
         Seed of the shuffles.
 
@@ -139,10 +145,13 @@ def regions(
     energy, table = energy[samples], table.iloc[samples]
     least = 0.1 * np.median(energy) if floor is None else np.broadcast_to(floor, known.shape)[samples]
     level = np.log(energy + np.maximum(least, 1e-9 * energy.mean()))
+    there = energy > np.maximum(0.0 if floor is None else least, NOTHING**2 * energy.max())
+    if noise_free and np.mean(~there) >= OFTEN:
+        level = there.astype(float)
     made = noise_free | ((np.arange(samples.size) // length) % 2 == 0)
     size = np.sqrt(energy[made])
     smallest = FEWEST if noise_free else SMALLEST_LEAF
-    rules = _rules(table[made], level[made], smallest)
+    rules = _rules(table[made], level[made], smallest, WORTH if noise_free else 0.0)
     if not noise_free:
         rules = [_with_onsets(rule, table[made], size) for rule in rules]
     judged = np.arange(N_WINDOWS * length).reshape(N_WINDOWS, length)[1::2]
@@ -165,14 +174,36 @@ def regions(
     return found[kept].sort_values("share", ascending=False, kind="stable", ignore_index=True)
 
 
-def _rules(table: pd.DataFrame, level: np.ndarray, smallest: float) -> list[tuple[Condition, ...]]:
-    """Return the loud regions of a shallow tree, with leaves of no less than so many, or a share, samples."""
+def _rules(
+    table: pd.DataFrame, level: np.ndarray, smallest: float, worth: float
+) -> list[tuple[Condition, ...]]:
+    """Return the loud regions of a shallow tree, pruned of divisions that are not worth their while.
+
+    Its leaves have no less than the ``smallest`` number, or share, of samples; a division takes off a share
+    ``worth`` of the variance, or is not made, and so do features that are more than signals, or are not used.
+    """
     stride = max(1, -(-len(level) // TRAINING_SAMPLES))
-    values = table.to_numpy(dtype=float)[::stride]
-    tree = DecisionTreeRegressor(
-        max_leaf_nodes=MAX_LEAVES, max_depth=MAX_DEPTH, min_samples_leaf=smallest, random_state=0
-    )
-    shape = tree.fit(values, level[::stride]).tree_
+    table, level = table.iloc[::stride], level[::stride]
+    least = worth * np.var(level)
+
+    def divided(some: pd.DataFrame) -> tuple[pd.DataFrame, DecisionTreeRegressor, float]:
+        values = some.to_numpy(dtype=float)
+        tree = DecisionTreeRegressor(
+            max_leaf_nodes=MAX_LEAVES,
+            max_depth=MAX_DEPTH,
+            min_samples_leaf=smallest,
+            ccp_alpha=least,
+            random_state=0,
+        ).fit(values, level)
+        return some, tree, float(np.var(level - tree.predict(values)))
+
+    found = divided(table)
+    simpler = plain(table)
+    if worth and simpler.shape[1]:
+        signals_alone = divided(simpler)
+        found = signals_alone if signals_alone[2] <= found[2] + least else found
+    table, tree, _ = found
+    shape = tree.tree_
     leaves = np.flatnonzero(shape.children_left < 0)
     if leaves.size < 2:
         return []
