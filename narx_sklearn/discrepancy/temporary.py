@@ -82,15 +82,14 @@ def search_in_stretches(
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
         return None
-    best_yet = found.candidates[0].criterion
-    near = [c for c in found.candidates if c.criterion < best_yet + IN_REACH]
+    near = [c for c in found.candidates if c.criterion < found.candidates[0].criterion + IN_REACH]
     settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
         delayed(_settled)(found.problem, c) for c in near
     )
     best = min(settled, key=lambda c: c.criterion)
     value = deviance(found.problem, best.fit.model)
-    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * BLOCKS**2 / 2
     gained = deviance(problem, refitted.model) - value
+    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * BLOCKS**2 / 2
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
     if chance > SHARE * settings.alpha:
         return None
@@ -100,15 +99,18 @@ def search_in_stretches(
         if deviance(problem, rival.fit.model) + rival.price <= value + best.price + HARDLY:
             return None
     problem = problem.with_noise(clearer_noise(found.problem, best.fit) or found.problem.noise)
-    span = best.effects[0].during
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
-    models += [_in_span(c, span) for c in found.candidates[len(near) :]]
+    models += [_in_span(c, best.effects[0].during) for c in found.candidates[len(near) :]]
+    step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
+    return problem, fit(problem, refitted.model), [step]
+
+
+def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[Candidate]:
+    """Return the models fitted to the end, those that run."""
     fits = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
         delayed(fit)(problem, model, iterations=FINE) for model in models
     )
-    candidates = [Candidate(f, problem.n_seen) for f in fits if np.isfinite(f.cost)]
-    detection = steps[0].detection._replace(p_value=chance)
-    return problem, fit(problem, refitted.model), [Step(detection, found.bank, candidates)]
+    return [Candidate(f, problem.n_seen) for f in fits if np.isfinite(f.cost)]
 
 
 def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | None:

@@ -267,6 +267,7 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
 
 def _location_tables(location, material: Material) -> list[TableText]:
     segments = {
+        "effect": "what",
         "start_s": "from [s]",
         "stop_s": "to [s]",
         "share": "share of the error",
