@@ -1,10 +1,12 @@
 """Where the mismatch is, once it is named: regions in which an effect acts, stretches in which it acted."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.locate import features, regions
+from narx_sklearn.discrepancy.locate.features import plain
 from narx_sklearn.discrepancy.location import _slope
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -197,3 +199,13 @@ def test_a_division_that_says_next_to_nothing_is_not_made():
     mostly = np.where((level > 7.5) & ((u < 7.95) | (level > 8.5)), 1.0, 0.0)
     (rule,) = regions(mostly, table, noise_free=True).to_dict("records")
     assert [condition.feature for condition in rule["conditions"]] == ["level [cm]"]
+
+
+def test_a_signal_called_after_a_rate_is_a_signal():
+    rng = np.random.default_rng(0)
+    turning, rudder = rng.normal(size=(2, 200))
+    signals = {"inputs": [Signal("rudder", "rad")], "states": [Signal("rate of turn", "rad/s")]}
+    table = features(rudder[:, None], turning[:, None], 0.1, **signals)
+    names = ["rudder [rad]", "rate of turn [rad/s]", "|rudder [rad]|", "|rate of turn [rad/s]|"]
+    assert plain(table).columns.tolist() == names
+    assert plain(pd.DataFrame({"a": turning})).columns.tolist() == ["a"]

@@ -8,19 +8,21 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import diagnosis
 from narx_sklearn.discrepancy.acting import correction
 from narx_sklearn.discrepancy.coloured_search import coloured_search
 from narx_sklearn.discrepancy.explain import Candidate
-from narx_sklearn.discrepancy.findings import when_in_words
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.regressors import effect_regressors
+from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.stretches import Stretches
 from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.temporary import _spans, only_where_fitted, search_in_stretches
+from narx_sklearn.discrepancy.temporary import large_parts, only_where_fitted, search_in_spans, spans_of
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
@@ -139,8 +141,8 @@ def test_it_is_named_with_its_time(found):
     assert (found.verdict_, finding.effect, finding.port) == ("explained", "coulomb_friction", "state:1")
     assert finding.during == pytest.approx((1200 * DT, 2300 * DT), abs=8 * DT)
     assert finding.parameters["Fc"] == pytest.approx(FRICTION, rel=0.05)
-    assert "velocity, from 2" in finding.place
-    assert finding.place in found.report_
+    assert finding.when.startswith(", from 2")
+    assert f"Coulomb friction in the equation of velocity{finding.when}." in found.report_
     (segment,) = found.location_.segments.to_dict("records")
     assert segment["effect"] == "coulomb_friction"
     assert (segment["start"], segment["stop"]) == pytest.approx((1200, 2300), abs=8)
@@ -164,7 +166,8 @@ def test_models_and_experiments_take_what_lasts(found):
     u = drive(2000, seed=3)
     plain = found.simulator_.with_effects([]).simulate(u)
     model = found.to_narx(u)
-    assert not [regressor for regressor in model.phi if "direction" in str(regressor)]
+    assert effect_regressors(found.simulator_)
+    assert not model.phi
     error = free_run(model, u, plain[:2]).y[10:, 0] - plain[10:, 0]
     assert np.std(error) < 0.02 * np.std(plain)
     rivals = found._rivals(["coulomb_friction", "viscous_damping"])
@@ -191,11 +194,52 @@ def test_what_begins_and_stays_has_no_end_unless_it_ended_unseen():
     assert ended.findings_[0].during == pytest.approx((1900 * DT, 3200 * DT), abs=8 * DT)
 
 
+def test_what_is_contradicted_after_its_end_explains_nothing():
+    """What rubbed is over when another plant takes its place: the numbers found with it do not hold."""
+    u, y = rubbed(2000, 500, 1000)
+    other = make(parameters=(1.1, 4.0, 11.0)).simulate(u)
+    y[1600:] = other[1600:]
+    dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "constant_load"]).fit(u, y)
+    assert dx.findings_[0].during == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)
+    assert dx.verdict_ == "unknown"
+
+
+def test_an_end_that_nobody_chose_has_no_price():
+    problem, start, load = held_load()
+    model = start.model._replace(effects=(replace(load, during=(2.0, np.inf)),))
+    open_ended = Candidate(fit(problem, model, iterations=0), 800)
+    closed = only_where_fitted(problem, open_ended)
+    assert closed.effects[0].during == (2.0, pytest.approx(16.0))
+    assert closed.price == open_ended.price
+    chosen = Candidate(closed.fit, 800)
+    assert chosen.price == pytest.approx(closed.price + 2 * np.log(800))
+
+
+def test_what_is_not_defined_outside_its_time_does_no_harm_there():
+    def root(argument, rate, own, second, time, step, z, theta, dz):
+        return theta[0] * np.sqrt(argument)
+
+    effect = replace(CATALOGUE["constant_load"], code="root", force=root)
+    never = PlacedEffect(effect, Port("state", 1), (1.0, 0.0), theta=(2.0,), during=(100.0, 200.0))
+    u = drive(300)
+    np.testing.assert_array_equal(make().with_effects([never]).simulate(u), make().simulate(u))
+
+
+def test_the_halves_and_the_middle_are_tried_where_no_stretch_stands_out(monkeypatch):
+    u = drive(1000)
+    problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
+    assert large_parts(problem) == [(-np.inf, 8.0), (4.0, 12.0), (8.0, np.inf)]
+    monkeypatch.setattr(diagnosis, "spans_of", lambda stretches, problem: [])
+    dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "gain_drift"]).fit(*rubbed(start=900))
+    assert dx.findings_[0].effect == "coulomb_friction"
+    assert dx.findings_[0].during == pytest.approx((900 * DT, 2300 * DT), abs=8 * DT)
+
+
 def searched_in(y, u, start, stop):
     """Search in a stretch that somebody points at."""
     simulator = make()
     problem = Problem(
-        simulator, u, y, cut([(slice(0, len(u)), 0)], 200, 8), Noise.white(np.array([np.std(y)]))
+        simulator, u, y, cut([(slice(0, len(u)), 0)], 200, 8), Noise.white(np.array([np.nanstd(y)]))
     )
     base = fit(problem, Model(simulator.nominal, (), np.zeros((problem.windows.count, 2))))
     run = problem.run(base.model)
@@ -205,9 +249,8 @@ def searched_in(y, u, start, stop):
         tuple(CATALOGUE[code] for code in codes), 0.005, 2, 16, None, 0, None, lambda stage: None
     )
     problem, base, steps = coloured_search(problem, base, structure, settings)
-    table = pd.DataFrame({"start": [start], "stop": [stop], "share": [0.5]})
-    pointed = Stretches(table, base.model.p, problem.y - problem.run(base.model).y)
-    return search_in_stretches(problem, base, steps, pointed, structure, settings)
+    spans = [(start * DT, stop * DT)]
+    return search_in_spans(spans, base.model.p, problem, base, steps, structure, settings)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
@@ -222,11 +265,30 @@ def test_noise_in_a_stretch_that_somebody_points_at_is_noise(seed, pole):
     assert searched_in(y, u, start, start + 700) is None
 
 
+def best_of(step):
+    return min(step.candidates, key=lambda c: c.criterion)
+
+
+def test_an_end_that_leaves_the_record_is_not_known():
+    u, y = rubbed(1500, 900, 1500)
+    _, _, (step,) = searched_in(y, u, 900, 1400)
+    assert best_of(step).effects[0].during == (pytest.approx(900 * DT, abs=8 * DT), np.inf)
+    u, y = rubbed(1500, 0, 600)
+    _, _, (step,) = searched_in(y, u, 100, 600)
+    assert best_of(step).effects[0].during == (-np.inf, pytest.approx(600 * DT, abs=8 * DT))
+
+
+def test_nothing_is_searched_where_the_rest_was_not_measured():
+    u, y = rubbed(1500, 300, 1200)
+    y[:250] = np.nan
+    y[1250:] = np.nan
+    assert searched_in(y, u, 250, 1250) is None
+
+
 def test_a_stretch_that_is_pointed_at_badly_is_mended():
     u, y = rubbed(3000, 1000, 2000)
     problem, _, (step,) = searched_in(y, u, 1150, 1900)
-    best = min(step.candidates, key=lambda c: c.criterion)
-    assert best.effects[0].during == pytest.approx((1000 * DT, 2000 * DT), abs=8 * DT)
+    assert best_of(step).effects[0].during == pytest.approx((1000 * DT, 2000 * DT), abs=8 * DT)
     assert step.detection.p_value < 1e-10
     assert problem.noise.sigma[0] == pytest.approx(0.004, rel=0.1)
 
@@ -250,7 +312,7 @@ def stretches(*rows):
 def test_times_to_look_at(rows, spans):
     u = drive(1000)
     problem = Problem(make(), u, u, cut([(slice(0, 1000), 0)], 200, 8), Noise.white(np.ones(1)))
-    found = _spans(problem, stretches(*rows))
+    found = spans_of(stretches(*rows), problem)
     assert len(found) == len(spans)
     for one, wanted in zip(found, spans, strict=True):
         assert one == pytest.approx(wanted)
@@ -260,21 +322,23 @@ def test_sessions_have_times_of_their_own():
     u = drive(1000)
     pieces = [(slice(0, 500), 0), (slice(500, 1000), 500)]
     problem = Problem(make(), u, u, cut(pieces, 100, 8), Noise.white(np.ones(1)))
-    assert _spans(problem, stretches((100, 200, 0.5))) == []
+    assert spans_of(stretches((100, 200, 0.5)), problem) == []
 
 
-def test_what_was_not_fitted_is_not_said():
+def held_load():
+    """A problem that begins at 4 s of a record, begins to count there, and a load in it."""
     u = drive(1000)
     problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(2.0,))
-    start = fit(problem, Model(problem.simulator.nominal, (), np.zeros((4, 2))), iterations=0)
+    return problem, fit(problem, Model(problem.simulator.nominal, (), np.zeros((4, 2))), iterations=0), load
+
+
+def test_what_was_not_fitted_is_not_said():
+    problem, start, load = held_load()
 
     def times(during):
-
-        effects = (replace(load, during=during),)
-        ended = only_where_fitted(
-            problem, Candidate(start._replace(model=start.model._replace(effects=effects)), 9)
-        )
+        model = start.model._replace(effects=(replace(load, during=during),))
+        ended = only_where_fitted(problem, Candidate(start._replace(model=model), 800))
         return ended and ended.effects[0].during
 
     assert times(ALWAYS) is None
@@ -294,6 +358,21 @@ def test_what_was_not_fitted_is_not_said():
 )
 def test_times_in_words(during, words):
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(2.0,), during=during)
-    assert when_in_words(load) == words
     assert load.passes == bool(words)
+    told = dict.fromkeys(
+        [
+            "effect",
+            "title",
+            "sentence",
+            "equation",
+            "port",
+            "place",
+            "argument",
+            "parameters",
+            "intervals",
+            "units",
+        ]
+    )
+    finding = Finding(**told, lookalikes=(), p_value=0.0, improvement=1.0, during=during if words else None)
+    assert finding.when == words
     assert load.always().during == ALWAYS

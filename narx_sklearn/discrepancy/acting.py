@@ -61,7 +61,7 @@ def state_forces(
                 thetas[e],
                 np.zeros(MAX_MEMORY),
             )
-            values[e, at] *= placed.acts_at(age * simulator.dt)
+            values[e, at] = np.where(placed.acts_at(age * simulator.dt), values[e, at], 0.0)
             slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
                 slope[placed.onward] -= placed.theta[-1] * values[e, at]
@@ -93,7 +93,7 @@ def signal_change(
     second = placed.second_of(u[rows])
     begin = np.searchsorted(rows, windows.first[windows.fresh])
     changed = placed.effect.transform(signal, second, dt, np.array(placed.theta), begin)
-    return signal, (changed - signal) * acts_along(placed, windows, rows, dt)
+    return signal, np.where(acts_along(placed, windows, rows, dt), changed - signal, 0.0)
 
 
 def correction(

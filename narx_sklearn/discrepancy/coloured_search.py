@@ -17,6 +17,9 @@ from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 LOOKS = 2  # under a clearer noise, at most
+CERTAIN = Detection(
+    np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0
+)  # with which no kind of effect is silent
 
 
 def coloured_search(
@@ -80,8 +83,7 @@ def _under_clearer_noise(
 
 def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
     """Return the best single effects under white noise, the first of them fully fitted."""
-    certain = Detection(np.zeros(bank.n_columns), 0.0, np.zeros(bank.n_columns), 0.0, 0.0, 0.0, 0.0)
-    placed = leaders(bank, settings.n_leaders, certain, 1.0)
+    placed = leaders(bank, settings.n_leaders, CERTAIN, 1.0)
     return refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
 
 

@@ -38,7 +38,7 @@ from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
 from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure, find_structure
-from narx_sklearn.discrepancy.temporary import search_in_stretches
+from narx_sklearn.discrepancy.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
@@ -142,32 +142,24 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
     stretches = find_stretches(problem, refitted, settings.random_state)
     if steps:
-        found = search_in_stretches(problem, refitted, steps, stretches, structure, settings)
+        spans = spans_of(stretches, problem)
+        found = search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
         problem, refitted, steps = found or (problem, refitted, steps)
+    named = _named(problem, refitted, steps, structure, settings)
+    if named is not None and (named.verdict == "unknown" or may_stand_in(named.best.effects)):
+        # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
+        spans = large_parts(problem)
+        found = search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
+        if found is not None:
+            problem, refitted, steps = found
+            named = _named(problem, refitted, steps, structure, settings)
     p_missing = steps[0].detection.p_value if steps else 1.0
-    pool = pool_of(steps)
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
-    verdict = "refit" if p_moved <= settings.alpha else "consistent"
-    best = Candidate(refitted, problem.n_seen)
-    alternatives: tuple[tuple[Candidate, ...], ...] = ()
-    unnamed = None
-    if p_missing <= settings.alpha and pool:
-        settings.tell("rivals and unnamed curves")
-        best = likeliest(pool, refitted.cost)
-        if len(best.effects) > 1:
-            pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
-            best = likeliest(pool, refitted.cost)
-        best = ranked(problem, converged(problem, best), pool)
-        judgement = _judged(problem, refitted, best, pool, steps, structure, settings)
-        singles = [c for c in pool if len(c.effects) == 1]
-        if judgement.verdict == "unknown" and len(best.effects) > 1 and singles:
-            # what goes with it has no name; the effect that explains most may have one
-            single = converged(problem, likeliest(singles, refitted.cost))
-            alone = _judged(problem, refitted, single, pool, steps, structure, settings)
-            judgement = alone if alone.verdict != "unknown" else judgement
-        verdict, best, alternatives, unnamed = judgement
+    nothing = "refit" if p_moved <= settings.alpha else "consistent"
+    named = named or _Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
+    verdict, best, alternatives, unnamed = named
     twin_misses_more = _twin_misses_more(problem, refitted, best)
     against_noise: tuple[Sign, ...] = ()
     if not best.effects and steps:
@@ -215,6 +207,29 @@ class _Judgement(NamedTuple):
     best: Candidate
     alternatives: tuple[tuple[Candidate, ...], ...]
     unnamed: Candidate | None
+
+
+def _named(
+    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
+) -> _Judgement | None:
+    """Return what is said of the likeliest set of a search; None where nothing is missing."""
+    pool = pool_of(steps)
+    if not pool or steps[0].detection.p_value > settings.alpha:
+        return None
+    settings.tell("rivals and unnamed curves")
+    best = likeliest(pool, refitted.cost)
+    if len(best.effects) > 1:
+        pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
+        best = likeliest(pool, refitted.cost)
+    best = ranked(problem, converged(problem, best), pool)
+    found = _judged(problem, refitted, best, pool, steps, structure, settings)
+    singles = [c for c in pool if len(c.effects) == 1]
+    if found.verdict == "unknown" and len(best.effects) > 1 and singles:
+        # what goes with it has no name; the effect that explains most may have one
+        single = converged(problem, likeliest(singles, refitted.cost))
+        alone = _judged(problem, refitted, single, pool, steps, structure, settings)
+        return alone if alone.verdict != "unknown" else found
+    return found
 
 
 def _judged(
@@ -331,7 +346,7 @@ def _alternatives(
 
 def _ordinary(steps: list[Step]) -> dict[tuple, np.ndarray]:
     """Return the starting values of all that was tried, by its place."""
-    return {h.placed.place: h.starts for step in steps for h in step.bank.hypotheses}
+    return {h.placed.always().place: h.starts for step in steps for h in step.bank.hypotheses}
 
 
 def _replaced(candidate: Candidate, kept: set) -> set[str]:
@@ -346,7 +361,8 @@ def _unnamed(
     curves = [c.placed for c in _curves(problem, refitted, structure)]
     times = {effect.during for effect in best.effects}
     if len(times) == 1:
-        curves = [replace(curve, during=times.copy().pop()) for curve in curves]
+        (during,) = times
+        curves = [replace(curve, during=during) for curve in curves]
     base = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, base, curves, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None

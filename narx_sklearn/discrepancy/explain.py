@@ -43,6 +43,7 @@ class Candidate:
 
     fit: Fit
     n_samples: int
+    given: int = 0  # ends of its effects' times that nobody chose
 
     @property
     def effects(self) -> tuple[PlacedEffect, ...]:
@@ -92,7 +93,8 @@ class Candidate:
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
-        return price + 2 * np.log(n) * sum(np.isfinite(effect.during).sum() for effect in self.effects)
+        ends = sum(int(np.isfinite(effect.during).sum()) for effect in self.effects)
+        return price + 2 * np.log(n) * (ends - self.given)
 
 
 def odd(candidate: Candidate) -> bool:

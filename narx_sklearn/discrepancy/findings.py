@@ -139,17 +139,7 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     words = port_in_words(placed.port, simulator)
     if placed.onward >= 0:
         words += f", going on to {simulator.states[placed.onward].name}"
-    return words + when_in_words(placed)
-
-
-def when_in_words(placed: PlacedEffect) -> str:
-    """Return when an effect acts: "" (always), ", from 3 s to 7.5 s", ", from 3 s on", ", until 7.5 s"."""
-    begins, ends = placed.during
-    if not placed.passes:
-        return ""
-    if not np.isfinite(begins):
-        return f", until {ends:.5g} s"
-    return f", from {begins:.5g} s on" if not np.isfinite(ends) else f", from {begins:.5g} s to {ends:.5g} s"
+    return words
 
 
 def argument_told(placed: PlacedEffect) -> str:

@@ -143,6 +143,12 @@ def _moved(weights, effect, before, after, step):
     return argument, rate
 
 
+@njit(nogil=True, inline="always")
+def _shared(force, share):
+    """Return a share of a force, nothing of one that does not act, defined or not."""
+    return share * force if share != 0.0 else 0.0
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
@@ -304,7 +310,7 @@ def _simulate_windows(
                             _row(theta, e),
                             _row(dz, 4 * e + r),
                         )
-                        force *= share[e] * (dt * dt if inertial[e] else 1.0)
+                        force = _shared(force, share[e] * (dt * dt if inertial[e] else 1.0))
                         slope[r, port[e]] += force
                         if onward[e] >= 0:
                             slope[r, onward[e]] -= theta[e, SPILL] * force
@@ -332,7 +338,7 @@ def _simulate_windows(
                         _row(theta, e),
                         _row(dz, 4 * e),
                     )
-                    force *= share[e] * force_step
+                    force = _shared(force, share[e] * force_step)
                     x[port[e]] += force
                     if onward[e] >= 0:
                         x[onward[e]] -= theta[e, SPILL] * force

@@ -34,10 +34,11 @@ class Location(NamedTuple):
     ports : DataFrame
         Ports by how well an unknown signal there explains the residual.
     segments : DataFrame
-        Stretches of time that hold more of the error than chance; ``effect`` names what acts in one for a
-        while, where that was found, and is empty where it is not known.
+        Stretches of time that hold more of the error than chance, counted along the record. Where an effect
+        was found to act for a while, its time comes first, ``effect`` names it and ``p_value`` is that of the
+        diagnosis; stretches apart from it follow.
     regions : DataFrame
-        Readable rules, each with its share of the energy of what acts and of the time; ``effect`` says what
+        Readable rules, each with its share of the energy and the time of what acts; ``effect`` says what
         that is: one that was named, or, empty, the unknown signal at the likeliest port.
     bands : DataFrame
         Frequencies at which the residual stands above the noise.
@@ -113,7 +114,7 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
 
 
 def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
-    """Return the times at which the effects found act, where any does for a while; else what stands out."""
+    """Return the times at which effects were found to act for a while, and what else stands out."""
     table, _, residual = diagnosis.stretches
     windows, dt = diagnosis.problem.windows, diagnosis.problem.simulator.dt
     passing = [effect for effect in diagnosis.best.effects if effect.passes]
@@ -128,7 +129,10 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
         row = {"start": start, "stop": stop, "start_s": start * dt, "stop_s": stop * dt}
         row |= {"share": energy[acts].sum() / energy.sum(), "time_share": acts.mean(), "z_score": np.nan}
         rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.effect.code})
-    return pd.DataFrame(rows)
+        table = table[(table["start"] >= stop) | (table["stop"] <= start)]
+    return pd.concat(
+        [pd.DataFrame(rows), *([table.assign(effect="")] if len(table) else [])], ignore_index=True
+    )
 
 
 def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:

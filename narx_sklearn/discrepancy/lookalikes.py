@@ -154,7 +154,7 @@ def look_alikes(
     tolerated : float
         What a form may leave of the cost.
     starts : mapping from places to ndarray of shape (n_starts, n_theta)
-        Ordinary parameter values of the effects.
+        Ordinary parameter values of the effects, by places at which they always act.
     """
     kept = [best]
     noise = best.fit.residual
@@ -168,7 +168,9 @@ def look_alikes(
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
         if declared and _holds(best, other) and apart < SAME * max(extra, 1) * unit:
-            cost = _least_cost(problem, other, declared, starts.get(declared.place, np.empty((0, 0))))
+            cost = _least_cost(
+                problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
+            )
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
         elif behind <= HARDLY or (declared and worse <= tolerated):
             stays = True

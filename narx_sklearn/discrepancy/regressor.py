@@ -70,7 +70,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     exclude : list of str, default=()
         Codes left out.
     alpha : float, default=0.005
-        Chance of a false alarm allowed where nothing is missing; a second look has a quarter of it.
+        Chance of a false alarm allowed where nothing is missing; the searches for what acts for a while and
+        for what has no name have half of it each, a second look a quarter.
     level : float, default=0.9
         Confidence level of all intervals.
     max_effects : int, default=2
@@ -292,6 +293,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
     def next_experiment(self, amplitude, n_samples, between=None, *, offset=None, rate=None, column=0):
         """Design the input that best separates what these data could not tell apart.
+
+        What acted for a while is taken to act throughout the experiment.
 
         Parameters
         ----------
@@ -515,9 +518,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 self._store(replace(diagnosis, best=ended), u, y, held_out)
                 return
             # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
-            # drifts or acts for a while: nobody can foresee its course, or whether it acts again
+            # drifts, or acted when the fit ended: nobody can foresee its course, or when it ends
             self.simulator_ = self.refitted_simulator_
-            if not any(e.passes or e.effect.code == DRIFT for e in diagnosis.best.effects[:1]):
+            if self.findings_[0].effect != DRIFT and not diagnosis.best.given:
                 self.verdict_ = "unknown"
         self.report_ = report_text(self)
 

@@ -45,7 +45,7 @@ def _what(dx) -> list[str]:
         lines += ["What comes nearest:", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         title = finding.title[:1].upper() + finding.title[1:]
-        lines.append(f"{i}. {title} {finding.place}.")
+        lines.append(f"{i}. {title} {finding.place}{finding.when}.")
         lines.append(f"   {finding.sentence}")
         if finding.equation:
             lines.append(f"   {finding.equation}" + (f", {finding.argument}" if finding.argument else ""))
@@ -93,7 +93,7 @@ def _scores(dx) -> list[str]:
         lines.append("   What is missing shows near the end only, so the beginning was held out instead.")
     if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
         lines.append(
-            "   Nobody can foresee a drift, or when what acts for a while will act again: the corrected "
+            "   Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
             "simulation leaves it out."
         )
     return [*lines, ""]

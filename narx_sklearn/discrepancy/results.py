@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 VERDICTS = {
     "consistent": "The simulation agrees with the recordings; nothing is missing that these data can show.",
     "refit": "No physics is missing; the simulation's parameters are off.",
@@ -86,6 +88,18 @@ class Finding:
     confidence: float = 0.0
     during: tuple[float, float] | None = None
     evidence: dict | None = None
+
+    @property
+    def when(self) -> str:
+        """When it acts: "" (always), ", from 3 s to 7.5 s", ", from 3 s on", ", until 7.5 s"."""
+        if self.during is None:
+            return ""
+        begins, ends = self.during
+        if not np.isfinite(begins):
+            return f", until {ends:.5g} s"
+        return (
+            f", from {begins:.5g} s on" if not np.isfinite(ends) else f", from {begins:.5g} s to {ends:.5g} s"
+        )
 
     @property
     def modelled(self) -> bool:

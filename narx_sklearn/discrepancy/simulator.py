@@ -381,17 +381,17 @@ def _applied(
         # an effect has acted since the session began, also where no window is and its memory waits
         keep, age, begin = _since_the_sessions_began(windows)
         inside = column[keep]
-        share = scale * placed.acts_at(age * dt)
+        acts = placed.acts_at(age * dt)
         theta = np.array(placed.theta)
         if is_held and placed.effect.held is not None:
             changed, rise = placed.effect.held(inside, dt, theta, begin)
             tilt = tilt if len(tilt) else np.zeros_like(signals)
-            tilt[keep, placed.port.index] += share * rise
+            tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
         else:
             changed = placed.effect.transform(
                 inside, None if other is None else other[keep], dt, theta, begin
             )
-        out[keep, placed.port.index] = inside + share * (changed - inside)
+        out[keep, placed.port.index] = inside + np.where(acts, scale * (changed - inside), 0.0)
     return out, tilt
 
 

@@ -1,5 +1,6 @@
 """Effects that act for a while only, looked for where the rest of the record leaves a mismatch."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -7,9 +8,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank
-from narx_sklearn.discrepancy.coloured_search import converged, hypotheses_of, pool_of
+from narx_sklearn.discrepancy.coloured_search import CERTAIN, converged, hypotheses_of, pool_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
-from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
     HARDLY,
@@ -19,25 +19,26 @@ from narx_sklearn.discrepancy.explain import (
     leaders,
     refit_leaders,
 )
+from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stretches import Stretches
 from narx_sklearn.discrepancy.structure import Structure
 
-OF_TIME = {"additive_drift", "gain_drift", "stuck_sensor", "quantisation"}  # have their times, or have none
+DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
+OF_TIME = {*DRIFTS, "stuck_sensor", "quantisation"}  # have times of their own, or none
 MOST = 0.8  # of the time that was looked at; what acts longer may as well act always
 LEADERS = 8  # effects that are fitted
 RIVALS = 6  # of those that always act, kept beside
 AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
 FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
-BLOCKS = 256  # in which stretches are looked for, so about half the square of it were tried
 SHARE = 0.5  # of alpha, for what acts for a while
 PASSES = 3  # over both ends, at most
 SETTLED = 4  # iterations of a fit when an end is moved
-CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)  # all that explains most may lead
 
 Span = tuple[float, float]  # s since the session began
 
@@ -51,33 +52,35 @@ class InSpan(NamedTuple):
     value: float  # deviance of the best, its price added; that of different spans can be compared
 
 
-def search_in_stretches(
+def search_in_spans(
+    spans: list[Span],
+    p: np.ndarray,
     problem: Problem,
     refitted: Fit,
     steps: list[Step],
-    stretches: Stretches,
     structure: Structure,
     settings: Settings,
 ) -> tuple[Problem, Fit, list[Step]] | None:
-    """Search for effects that act in a stretch of the record; None where none explains it better.
+    """Search for effects that act in a span of the record; None where none explains it better.
 
     What acts for a while bends the parameters and the noise of a fit to the whole record, so both are taken
-    from the rest of it. The ends of the stretch are settled with the effect in it. It must take off more than
-    noise of any colour would let the best of all stretches, effects and shapes, and be likelier than the best
-    of what always acts, each under noise of its own and with its price.
+    from the rest of it. The ends of the span are settled with the effect in it. It must take off more than
+    noise of any colour would let the best of all spans, effects and shapes, and be likelier than the best of
+    what always acts, each under noise of its own and with its price.
 
     Parameters
     ----------
+    spans : list of (float, float)
+        Where the search begins.
+    p : ndarray of shape (n_parameters,)
+        Parameters of the simulator from which it begins.
     problem, refitted, steps
         What the search for effects that always act came to.
-    stretches : Stretches
-        Where the mismatch is.
     """
-    spans = _spans(problem, stretches)
     if not spans:
         return None
     settings.tell("search for what acts for a while")
-    base = _with_initial_states(problem, refitted.model._replace(p=stretches.p)).model
+    base = _with_initial_states(problem, refitted.model._replace(p=p)).model
     looks = (_found_in(span, problem, base, structure, settings) for span in spans)
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
@@ -89,7 +92,9 @@ def search_in_stretches(
     best = min(settled, key=lambda c: c.criterion)
     value = deviance(found.problem, best.fit.model)
     gained = deviance(problem, refitted.model) - value
-    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * BLOCKS**2 / 2
+    n_shapes = (
+        problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * MOST_BLOCKS**2 / 2
+    )  # spans, by their ends
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
     if chance > SHARE * settings.alpha:
         return None
@@ -115,18 +120,25 @@ def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[C
 
 def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | None:
     """Return a set whose effects do not act beyond the samples fitted, where one did but not always."""
-    windows, dt, model = problem.windows, problem.simulator.dt, candidate.fit.model
-    first, last = (float(k - windows.began[0]) * dt for k in (windows.first[0], windows.last[-1]))
+    model = candidate.fit.model
+    first, last = _ends(problem)
     effects = tuple(
         replace(e, during=(max(e.during[0], first), min(e.during[1], last))) if e.passes else e
         for e in model.effects
     )
     if effects == model.effects:
         return None
-    return Candidate(candidate.fit._replace(model=model._replace(effects=effects)), candidate.n_samples)
+    given = sum(int(np.isinf(e.during).sum()) for e in model.effects if e.passes)
+    return replace(candidate, fit=candidate.fit._replace(model=model._replace(effects=effects)), given=given)
 
 
-def _spans(problem: Problem, stretches: Stretches) -> list[Span]:
+def _ends(problem: Problem) -> Span:
+    """Return when the samples fitted begin and end."""
+    windows, dt = problem.windows, problem.simulator.dt
+    return float(windows.first[0] - windows.began[0]) * dt, float(windows.last[-1] - windows.began[0]) * dt
+
+
+def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     """Return the times between which something may have acted: all stretches together, and the largest.
 
     Where one reaches an end, what acted may as well be missing in it and there in the rest, which was taken
@@ -149,12 +161,28 @@ def _spans(problem: Problem, stretches: Stretches) -> list[Span]:
     return list(dict.fromkeys(found))
 
 
+def may_stand_in(effects: Iterable[PlacedEffect]) -> bool:
+    """Tell whether a set may stand in for what acts for a while: something in it changes with time."""
+    return any(effect.effect.code in DRIFTS for effect in effects)
+
+
+def large_parts(problem: Problem) -> list[Span]:
+    """Return the halves of the time that is looked at, and its middle; nothing where there are sessions."""
+    if np.unique(problem.windows.began).size > 1:
+        return []
+    first, last = _ends(problem)
+    quarter = 0.25 * (last - first)
+    return [(-np.inf, first + 2 * quarter), (first + quarter, last - quarter), (last - 2 * quarter, np.inf)]
+
+
 def _found_in(
     span: Span, problem: Problem, base: Model, structure: Structure, settings: Settings
 ) -> InSpan | None:
     """Fit the effects that explain most in a span of time, under the noise of the rest."""
     time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
     quiet = problem.seen & ~((span[0] <= time) & (time < span[1]))[:, :, None]
+    if quiet.sum() < (1 - MOST) * problem.seen.sum():
+        return None
     left = np.where(quiet, problem.left_over(base), 0.0)
     own = problem.with_noise(estimate_noise(left, quiet))
     start = _with_initial_states(own, base)
@@ -185,22 +213,25 @@ def _settled(problem: Problem, candidate: Candidate) -> Candidate:
     """Return an effect that acts for a while with the ends of its time where they fit best.
 
     Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
+    One that leaves the samples fitted is not known.
     """
-    windows, dt = problem.windows, problem.simulator.dt
-    length = float(windows.last[-1] - windows.began[0]) * dt
+    dt = problem.simulator.dt
+    first, last = _ends(problem)
 
     def moved(span: Span, end: int, way: float) -> Span:
         to = round((span[end] + way) / dt) * dt
-        return (to, span[1]) if end == 0 else (span[0], to)
+        if end == 0:
+            return (to if to > first else -np.inf), span[1]
+        return span[0], (to if to < last else np.inf)
 
     def descended(best: Candidate, step: float) -> Candidate:
-        while step > max(FINEST * length, dt):
+        while step > max(FINEST * (last - first), dt):
             for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
                 span = best.effects[0].during
                 if not np.isfinite(span[end]):
                     continue
                 span = moved(span, end, way)
-                if max(span[0], 0.0) + 2 * dt < min(span[1], length):
+                if max(span[0], first) + 2 * dt < min(span[1], last):
                     trial = fit(problem, _in_span(best, span), iterations=SETTLED, rough=True)
                     if trial.cost < best.fit.cost:
                         best = Candidate(trial, best.n_samples)
@@ -208,7 +239,7 @@ def _settled(problem: Problem, candidate: Candidate) -> Candidate:
         return best
 
     begins, ends = candidate.effects[0].during
-    step = 0.25 * (min(ends, length) - max(begins, 0.0))
+    step = 0.25 * (min(ends, last) - max(begins, first))
     best = candidate
     for _ in range(PASSES):
         before, best = best, descended(best, step)

@@ -70,7 +70,7 @@ def _cell(column: str, value) -> str:
 
 def headline(dx) -> str:
     """Return the verdict in one sentence."""
-    names = _listed([f"{capital(finding.title)} {finding.place}" for finding in dx.findings_])
+    names = _listed([f"{capital(finding.title)} {finding.place}{finding.when}" for finding in dx.findings_])
     if dx.verdict_ == "explained":
         sentence = f"Missing from the simulation: {names}"
     elif dx.verdict_ == "ambiguous":

@@ -8,7 +8,7 @@ import pandas as pd
 from narx_sklearn.discrepancy.simulator import Signal
 from narx_sklearn.discrepancy.units import tidy_unit
 
-DERIVED = "distance from the ends of", "rate of", "direction of", "time since reversal of"
+PLAIN = "plain"  # attribute of a table: its columns that are signals or their sizes
 SAME = 0.999  # correlation above which a rate is a state that is there already
 
 
@@ -70,12 +70,15 @@ def features(
         direction = np.where(np.isnan(change), 0.0, np.sign(change))
         columns[f"direction of {name}"] = direction
         columns[_label("time since reversal of", name, "s")] = _since_reversal(direction, first) * dt
-    return pd.DataFrame(columns)
+    table = pd.DataFrame(columns)
+    names = [str(signal) for signal, _ in signals]
+    table.attrs[PLAIN] = [name for name in table.columns if name.strip("|") in names]
+    return table
 
 
 def plain(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the features that are signals or their sizes."""
-    return table[[name for name in table.columns if not str(name).startswith(DERIVED)]]
+    """Return the features that are signals or their sizes; all where nothing is known of them."""
+    return table[table.attrs.get(PLAIN, list(table.columns))]
 
 
 def _label(what: str, name: str, unit: str) -> str:
