@@ -212,7 +212,7 @@ def test_whitening_inverts_an_autoregression_and_stops_at_sessions():
 
 def scores(**errors):
     """What the headline reads of a diagnosis with one finding."""
-    finding = SimpleNamespace(title="a curve", place="on the output y", lookalikes=(), modelled=True)
+    finding = SimpleNamespace(title="a curve", place="on the output y", when="", lookalikes=(), modelled=True)
     table = pd.DataFrame({"nrmse": errors})
     return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table)
 
