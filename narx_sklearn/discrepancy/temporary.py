@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.explain import (
     IN_REACH,
     Candidate,
     Step,
+    gains,
     leaders,
     refit_leaders,
 )
@@ -34,6 +35,7 @@ OF_TIME = {*DRIFTS, "stuck_sensor", "quantisation"}  # have times of their own, 
 MOST = 0.8  # of the time that was looked at; what acts longer may as well act always
 LEADERS = 8  # effects that are fitted
 RIVALS = 6  # of those that always act, kept beside
+BEYOND = 4.0  # times what its tangent takes off, that an effect may take off once it is fitted
 AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
 FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
 SHARE = 0.5  # of alpha, for what acts for a while
@@ -81,7 +83,10 @@ def search_in_spans(
         return None
     settings.tell("search for what acts for a while")
     base = _with_initial_states(problem, refitted.model._replace(p=p)).model
-    looks = (_found_in(span, problem, base, structure, settings) for span in spans)
+    always = pool_of(steps)
+    named = bool(always) and steps[0].detection.p_value <= settings.alpha
+    rival = likeliest(always, refitted.cost) if named else None
+    looks = (_found_in(span, problem, base, rival, structure, settings) for span in spans)
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
         return None
@@ -98,11 +103,9 @@ def search_in_spans(
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
     if chance > SHARE * settings.alpha:
         return None
-    always = pool_of(steps)
-    if always and steps[0].detection.p_value <= settings.alpha:
-        rival = likeliest(always, refitted.cost)
-        if deviance(problem, rival.fit.model) + rival.price <= value + best.price + HARDLY:
-            return None
+    to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
+    if to_beat <= value + best.price + HARDLY:
+        return None
     problem = problem.with_noise(clearer_noise(found.problem, best.fit) or found.problem.noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
     models += [_in_span(c, best.effects[0].during) for c in found.candidates[len(near) :]]
@@ -176,9 +179,17 @@ def large_parts(problem: Problem) -> list[Span]:
 
 
 def _found_in(
-    span: Span, problem: Problem, base: Model, structure: Structure, settings: Settings
+    span: Span,
+    problem: Problem,
+    base: Model,
+    always: Candidate | None,
+    structure: Structure,
+    settings: Settings,
 ) -> InSpan | None:
-    """Fit the effects that explain most in a span of time, under the noise of the rest."""
+    """Fit the effects that explain most in a span of time, under the noise of the rest.
+
+    None where none of them comes near to what is explained by effects that ``always`` act.
+    """
     time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
     quiet = problem.seen & ~((span[0] <= time) & (time < span[1]))[:, :, None]
     if quiet.sum() < (1 - MOST) * problem.seen.sum():
@@ -192,6 +203,11 @@ def _found_in(
         if h.asked and h.placed.effect.code not in OF_TIME
     ]
     bank = make_bank(own, start, hypotheses, settings.n_jobs)
+    taken = 0.0
+    if always is not None:
+        taken = np.sum(bank.residual**2) - fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
+    if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
+        return None
     placed = leaders(bank, LEADERS, CERTAIN, 1.0)
     found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
     if not found:
