@@ -87,7 +87,7 @@ class PlacedEffect:
 
     def acts_at(self, time: np.ndarray) -> np.ndarray:
         """Tell, for times since a session began, s, whether it acts."""
-        return (self.during[0] <= time) & (time < self.during[1])
+        return within(self.during, time)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -112,6 +112,11 @@ class PlacedEffect:
         n_inputs = u.shape[1]
         own = u @ weights[:n_inputs]
         return own if x is None else own + x @ weights[n_inputs:]
+
+
+def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
+    """Tell which times lie in a span, its beginning included, its end not."""
+    return (during[0] <= time) & (time < during[1])
 
 
 def in_short(effects: Iterable[PlacedEffect]) -> str:

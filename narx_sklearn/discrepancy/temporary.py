@@ -23,7 +23,7 @@ from narx_sklearn.discrepancy.explain import (
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, within
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.settings import Settings
@@ -191,7 +191,7 @@ def _found_in(
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
     time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
-    quiet = problem.seen & ~((span[0] <= time) & (time < span[1]))[:, :, None]
+    quiet = problem.seen & ~within(span, time)[:, :, None]
     if quiet.sum() < (1 - MOST) * problem.seen.sum():
         return None
     left = np.where(quiet, problem.left_over(base), 0.0)
