@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, held_against
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.diagnosis import _decide, _lengthened
+from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import SURFACE, curve_hypotheses
@@ -521,6 +521,9 @@ def test_an_effect_may_name_look_alikes_that_nobody_registered():
     assert [finding.effect for finding in found.findings_] == ["coulomb_friction"]
 
 
+NOTHING_LEFT = _Leftover(1.0, 0.0)
+
+
 class TestOddPlaces:
     def test_a_name_from_elsewhere_says_no_more_than_a_curve_that_fits_as_well(self):
         problem, start = axis_problem([friction(0.4)])
@@ -531,10 +534,9 @@ class TestOddPlaces:
             best.fit._replace(model=best.fit.model._replace(effects=(replace(best.effects[0], odd=True),))),
             problem.n_seen,
         )
-        nothing_left = (1.0, 0.0)
-        assert _decide(base, best, (), curve, nothing_left, 0.005) == "explained"
-        assert _decide(base, elsewhere, (), curve, nothing_left, 0.005) == "unknown"
-        assert _decide(base, elsewhere, (), None, nothing_left, 0.005) == "explained"
+        assert _decide(base, best, (), curve, NOTHING_LEFT, 0.005) == "explained"
+        assert _decide(base, elsewhere, (), curve, NOTHING_LEFT, 0.005) == "unknown"
+        assert _decide(base, elsewhere, (), None, NOTHING_LEFT, 0.005) == "explained"
 
 
 class TestExactSimulations:
@@ -566,19 +568,55 @@ def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, ar
     assert argument_told(placed) == argument
 
 
+@pytest.mark.parametrize(
+    ("p_value", "share", "of_form", "verdict"),
+    [
+        (1e-4, 0.02, True, "unknown"),  # its form is wrong
+        (1e-4, 0.02, False, "explained"),  # something small is missing elsewhere
+        (1e-4, 0.2, False, "unknown"),  # something large is
+        (1e-4, 0.005, True, "explained"),  # no form is exact
+        (0.3, 0.02, True, "explained"),  # it may be noise
+    ],
+)
+def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_form, verdict):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
+    left = _Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
+    assert _decide(base, best, (), None, left, 0.005) == verdict
+
+
+def test_friction_that_grows_with_the_root_of_speed_is_not_called_dry():
+    def stage(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[3] * np.sign(x[1]) * abs(x[1]) ** 0.5
+
+    def nominal(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    def make(rhs, **parameters):
+        return ODESimulator(rhs, dt=0.02, parameters=parameters, states=["x", "v"], inputs=["u"])
+
+    rng = np.random.default_rng(1)
+    u = levels(rng, 1500)
+    y = make(stage, b=1.1, c=0.4, k=12.0, r=0.6).simulate(u) + 0.004 * rng.normal(size=(1500, 1))
+    found = DiscrepancyRegressor(make(nominal, b=1.0, c=0.5, k=12.0)).fit(u, y)
+    assert found.verdict_ == "unknown"
+    assert found.findings_[0].port == "state:1"
+
+
 def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.01,))
     pair = fit(problem, base.model._replace(effects=(friction(0.4), load)))
     two = Candidate(pair, problem.n_seen)
-    assert _decide(base, two, (), None, (1.0, 0.0), 0.005) == "explained"
+    assert _decide(base, two, (), None, NOTHING_LEFT, 0.005) == "explained"
     for share, verdict in ((0.002, "explained"), (0.02, "unknown")):  # of what two names explain
         cost = pair.cost - share * (base.cost - pair.cost)
         curve = pair._replace(cost=cost, model=pair.model._replace(effects=(friction(0.4),)))
         found = Candidate(curve, problem.n_seen)
         assert found.criterion < two.criterion
-        assert _decide(base, two, (), found, (1.0, 0.0), 0.005) == verdict
+        assert _decide(base, two, (), found, NOTHING_LEFT, 0.005) == verdict
 
 
 def test_noise_that_drifts_has_slow_power_and_never_lacks_it():

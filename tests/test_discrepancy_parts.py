@@ -94,6 +94,10 @@ class TestStructure:
         assert structure.kinematic.tolist() == [True, False]
         assert structure.states.tolist() == [[False, True], [True, True]]
         assert structure.inputs.tolist() == [[False], [True]]
+        drive, position, velocity = Port("input", 0), Port("state", 0), Port("state", 1)
+        assert structure.share_equation(drive, velocity)
+        assert not structure.share_equation(drive, position)
+        assert not structure.share_equation(Port("output", 1), velocity)
 
     def test_an_input_that_no_equation_uses_is_a_measured_channel(self):
         def heated(x, u, p):

@@ -43,6 +43,7 @@ from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
 UNEXPLAINED = 0.1  # share of what could be explained that named effects may leave to anything else
+REFUTES = 0.01  # the same, to a curve where they act: then it is their form that is wrong
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
@@ -244,7 +245,7 @@ def _judged(
     """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
     leftover = _leftover(problem, best, structure, settings)
     # where the named form visibly leaves something, its look-alikes may leave as much, and some more
-    visible = max(leftover[1], 0.0) if leftover[0] <= SUSPECT else 0.0
+    visible = max(leftover.gain, 0.0) if leftover.p_value <= SUSPECT else 0.0
     tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
     alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
     unnamed = _unnamed(problem, refitted, best, structure, settings)
@@ -380,11 +381,16 @@ def _explains(
     return rest.p_value > SHARE * settings.alpha
 
 
-def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings):
-    """Return the test of what the named set leaves, and what the best further column or curve would take.
+class _Leftover(NamedTuple):
+    """The test of what a named set leaves, and what tells it best."""
 
-    What one takes off pure noise is not counted.
-    """
+    p_value: float
+    gain: float  # what that would take, beyond what it takes off pure noise
+    of_form: bool = False  # told by a curve without a name, in an equation in which a named effect acts
+
+
+def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings) -> _Leftover:
+    """Test what the named set leaves, and return what the best further column or curve would take."""
     curves = _curves(problem, best.fit, structure)
     hypotheses = hypotheses_of(problem, best.fit, structure, settings)
     named = [h for h in hypotheses if h.placed.place not in best.places]
@@ -392,24 +398,31 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain
     detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
-    curve_gain = 0.0
+    curve_gain, at = 0.0, None
     for h in set(bank.owner[is_curve]):
         columns = np.flatnonzero(bank.owner == h)
         G, b = bank.gram[np.ix_(columns, columns)], bank.plain[columns]
-        curve_gain = max(curve_gain, float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b))
+        taken = float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b)
+        if taken > curve_gain:
+            curve_gain, at = taken, bank.hypotheses[h].placed.port
     named_gain = float(np.where(is_curve, 0.0, gain).max(initial=0.0))
     by_chance = BY_CHANCE * best.fit.cost / best.n_samples
-    return detection.p_value, max(curve_gain, named_gain) - by_chance
+    of_form = at is not None and any(structure.share_equation(at, e.port) for e in best.effects)
+    return _Leftover(
+        detection.p_value, max(curve_gain, named_gain) - by_chance, of_form and curve_gain > named_gain
+    )
 
 
-def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover, alpha: float) -> str:
+def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
     if all(effect.effect.code == DRIFT for effect in best.effects):
         return "ambiguous" if any(alternatives) else "explained"  # its course is as it may be
     taken_off = refitted.cost - best.fit.cost
-    p_left, rest = leftover
     several = len(best.effects) > 1
-    if p_left <= (SUSPECT if several else alpha) and rest > UNEXPLAINED * (taken_off + rest):
+    to_explain = taken_off + leftover.gain
+    if leftover.p_value <= (SUSPECT if several else alpha) and leftover.gain > UNEXPLAINED * to_explain:
+        return "unknown"
+    if leftover.p_value <= alpha and leftover.of_form and leftover.gain > REFUTES * to_explain:
         return "unknown"
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.linearise import central_differences, evaluate
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Simulator
 
 POINTS = 6  # states of the run at which derivatives are compared
@@ -25,6 +26,15 @@ class Structure(NamedTuple):
     def channels(self) -> np.ndarray:
         """Inputs that no equation uses: measured channels that may still matter."""
         return np.flatnonzero(~self.inputs.any(axis=0))
+
+    def share_equation(self, one: Port, other: Port) -> bool:
+        """Tell whether what enters at two ports comes together in one equation."""
+        return bool(self._equations(one) & self._equations(other))
+
+    def _equations(self, port: Port) -> set[Port]:
+        if port.kind != "input":
+            return {port}
+        return {Port("state", int(i)) for i in np.flatnonzero(self.inputs[:, port.index])}
 
 
 def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Structure:
