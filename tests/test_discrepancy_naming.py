@@ -7,7 +7,7 @@ import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, held_against
+from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
@@ -100,13 +100,6 @@ class TestChanceOfNoise:
         named = fit(problem, without.model._replace(effects=(friction(0.1),)))
         assert chance_of_noise(gained(problem, without, named), 100, 1) > 0.05
 
-    def test_deviance_is_minus_twice_the_log_likelihood_of_white_noise(self):
-        problem, start = axis_problem(n=4000)
-        found = fit(problem, start)
-        variance = np.mean(problem.left_over(found.model)[problem.seen] ** 2)
-        n = problem.seen.sum()
-        assert deviance(problem, found.model) == pytest.approx(n * np.log(variance), abs=25.0)
-
     def test_colour_that_came_from_what_was_missing_gives_way_to_the_noise_that_an_effect_leaves(self):
         problem, start = axis_problem([friction(0.3)])
         without = fit(problem, start)
@@ -116,8 +109,8 @@ class TestChanceOfNoise:
         found = clearer_noise(coloured, fit(coloured, named.model))
         assert found is not None
         assert found.sigma[0] == pytest.approx(0.002, rel=0.05)
-        net = [np.sum(a) - b for a, b in zip(found.coefficients, found.average, strict=True)]
-        assert np.all(np.abs(net) < 0.1)  # an autoregression that its moving average undoes is white
+        net = np.sum(found.coefficients[0]) - sum(found.average)
+        assert abs(net) < 0.1  # an autoregression that its moving average undoes is white
         assert found.sigma[0] < 0.99 * coloured.noise.sigma[0]
         settled = problem.with_noise(found)
         assert clearer_noise(settled, fit(settled, named.model)) is None
@@ -181,11 +174,12 @@ class TestDrift:
         assert 1 - noise.average[0] == pytest.approx(ratio, abs=0.008)
         assert noise.sigma[0] == pytest.approx(1.0, rel=0.03)
 
-    def test_innovations_do_not_feel_the_level_of_a_window(self):
+    def test_innovations_hardly_feel_the_level_of_a_window(self):
         noise = Noise((np.array([1.0]),), np.array([2.0]), (0.95,))
         r = np.random.default_rng(0).normal(size=(2, 60, 1))
-        lifted = noise.innovations(r + np.array([7.0, -3.0])[:, None, None])
-        np.testing.assert_allclose(lifted, noise.innovations(r), atol=1e-12)
+        felt = noise.innovations(r + np.array([7.0, -3.0])[:, None, None]) - noise.innovations(r)
+        np.testing.assert_allclose(felt[:, 1:], 0.0, atol=1e-12)
+        assert np.all(np.abs(felt[:, 0]) < 0.1)
 
     def test_whitening_is_linear(self):
         noise = Noise((np.array([0.99]),), np.array([0.5]), (0.9,))
@@ -460,17 +454,18 @@ class TestSlowAndLate:
         assert found.findings_[0].effect == "sensor_bias"
 
     @pytest.mark.parametrize(
-        ("code", "port", "asked"),
+        ("code", "port", "may_drift"),
         [
-            ("cubic_stiffness", "state", [(True, False)]),
-            ("additive_drift", "output", [(False, False)]),
-            ("sensor_bias", "output", [(False, False), (True, True)]),
-            ("constant_load", "state", [(True, False), (True, True)]),
+            ("cubic_stiffness", "state", (True,)),
+            ("additive_drift", "output", (False,)),
+            ("sensor_bias", "output", (False, True)),
+            ("constant_load", "state", (True,)),
         ],
     )
-    def test_what_is_always_there_must_beat_noise_that_goes_on_from_zero(self, code, port, asked):
-        placed = PlacedEffect(CATALOGUE[code], Port(port, 0))
-        assert [(n.may_drift, n.from_zero) for n in held_against(placed)] == asked
+    def test_a_drift_is_held_against_noise_that_does_not_drift_and_an_offset_against_both(
+        self, code, port, may_drift
+    ):
+        assert noises_against(PlacedEffect(CATALOGUE[code], Port(port, 0))) == may_drift
 
     @pytest.mark.parametrize("drift", [0.0, 0.004])
     def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self, drift):
@@ -586,9 +581,10 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
     assert _decide(base, best, (), None, left, 0.005) == verdict
 
 
-def test_friction_that_grows_with_the_root_of_speed_is_not_called_dry():
+@pytest.mark.parametrize("seed", [1, 2])
+def test_friction_that_grows_with_a_power_of_speed_is_not_called_dry(seed):
     def stage(x, u, p):
-        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[3] * np.sign(x[1]) * abs(x[1]) ** 0.5
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[3] * np.sign(x[1]) * abs(x[1]) ** 0.7
 
     def nominal(x, u, p):
         return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
@@ -596,7 +592,7 @@ def test_friction_that_grows_with_the_root_of_speed_is_not_called_dry():
     def make(rhs, **parameters):
         return ODESimulator(rhs, dt=0.02, parameters=parameters, states=["x", "v"], inputs=["u"])
 
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     u = levels(rng, 1500)
     y = make(stage, b=1.1, c=0.4, k=12.0, r=0.6).simulate(u) + 0.004 * rng.normal(size=(1500, 1))
     found = DiscrepancyRegressor(make(nominal, b=1.0, c=0.5, k=12.0)).fit(u, y)

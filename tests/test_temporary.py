@@ -230,9 +230,9 @@ def test_the_halves_and_the_middle_are_tried_where_no_stretch_stands_out(monkeyp
     problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
     assert large_parts(problem) == [(-np.inf, 8.0), (4.0, 12.0), (8.0, np.inf)]
     monkeypatch.setattr(diagnosis, "spans_of", lambda stretches, problem: [])
-    dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "gain_drift"]).fit(*rubbed(start=900))
+    dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "gain_drift"]).fit(*rubbed(start=1000))
     assert dx.findings_[0].effect == "coulomb_friction"
-    assert dx.findings_[0].during == pytest.approx((900 * DT, 2300 * DT), abs=8 * DT)
+    assert dx.findings_[0].during == pytest.approx((1000 * DT, 2300 * DT), abs=8 * DT)
 
 
 def searched_in(y, u, start, stop):

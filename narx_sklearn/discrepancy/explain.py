@@ -9,7 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import ANY, chance_of_noise, deviance, held_against
+from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, is_slow, noises_against
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -321,13 +321,13 @@ def _confirmed(
     if not found:
         return detection, found
     near = [c for c in found[:CONFIRMED] if c.criterion <= found[0].criterion + HARDLY]
-    noises = [held_against(c.effects[-1]) for c in near]
+    noises = [noises_against(c.effects[-1]) for c in near]
     asked = list(dict.fromkeys(kind for kinds in noises for kind in kinds))
     pairs = [(base, kind) for kind in asked]
     pairs += [(c, kind) for c, kinds in zip(near, noises, strict=True) for kind in kinds]
     deviances = iter(
         Parallel(n_jobs=n_jobs, prefer="threads")(
-            delayed(deviance)(problem, c.fit.model, kind) for c, kind in pairs
+            delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in pairs
         )
     )
     without = {kind: next(deviances) for kind in asked}
@@ -340,13 +340,9 @@ def _confirmed(
         chances.append((candidate, chance))
     least = min(chance for _, chance in chances)
     standing = [candidate for candidate, chance in chances if chance <= alpha]
-    if standing and all(_is_slow(candidate) for candidate in standing):
+    if standing and all(is_slow(candidate.effects[-1]) for candidate in standing):
         found = standing
     return detection._replace(p_value=max(detection.p_value, least)), found
-
-
-def _is_slow(candidate: Candidate) -> bool:
-    return held_against(candidate.effects[-1]) != [ANY]
 
 
 def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 LONGEST = 6
 SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samples
+FORGOTTEN = 1e-6  # of its level a drift loses at least, twice a sample: else a window might begin anywhere
 GRID = 13  # values of it that are tried, evenly in the logarithm of its pace
 FINE = 1e-3  # to which that logarithm is then found
 
@@ -45,17 +46,21 @@ class Noise(NamedTuple):
     def starting(self, output: int) -> np.ndarray | None:
         """Return the root of the covariance of the first samples of a window, (order, order).
 
-        In units of the innovations. None where the noise has none, for want of memory or of a level.
+        In units of the innovations. None where an autoregression has none, for want of memory or of a level.
         """
         a = self.coefficients[output]
-        if not a.size or (self.average and self.average[output]):
+        if not a.size:
             return None
-        return _root_of_covariance(tuple(a.tolist()))
+        b = self.average[output] if self.average else 0.0
+        if not b:
+            return _root_of_covariance(tuple(a.tolist()))
+        return np.sqrt([[1.0 + (a[0] - b) ** 2 / max(1.0 - a[0] ** 2, FORGOTTEN)]])
 
-    def log_determinant(self, n_windows: int) -> float:
-        """Return the log determinant of what is not scaled to innovations: the beginnings of the windows."""
-        roots = [self.starting(output) for output in range(len(self.coefficients))]
-        return 2 * n_windows * sum(float(np.log(np.diag(root)).sum()) for root in roots if root is not None)
+    def log_determinant(self, n_stretches: int) -> float:
+        """Return the log determinant of innovations from zero: of the beginnings of what does not drift."""
+        outputs = range(len(self.coefficients))
+        roots = [self.starting(o) for o in outputs if not (self.average and self.average[o])]
+        return 2 * n_stretches * sum(float(np.log(np.diag(root)).sum()) for root in roots if root is not None)
 
     def innovations(self, windowed: np.ndarray, counts: np.ndarray | None = None) -> np.ndarray:
         """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown.
@@ -84,8 +89,34 @@ class Noise(NamedTuple):
                 filtered = lfilter([1.0], [1.0, -b], out[:, :, output], axis=1)
                 inside = np.ones_like(filtered, dtype=bool) if counts is None else counts[:, :, output].copy()
                 inside[:, : a.size] = False
+                first = out[:, : a.size, output].copy()
                 out[:, :, output] = _whatever_the_start(filtered, b, inside)
+                out[:, : a.size, output] = first
         return out
+
+    def innovations_from_zero(
+        self, signals: np.ndarray, seen: np.ndarray, output: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return innovations of one output, not scaled, and where they count.
+
+        What drifts begins at zero with the first sample; what does not has its whole covariance from there.
+
+        Parameters
+        ----------
+        signals : ndarray of shape (n_stretches, n_samples, n_signals)
+            Zero where not seen.
+        seen : ndarray of bool of shape (n_stretches, n_samples)
+        """
+        a, b = self.coefficients[output], self.average[output] if self.average else 0.0
+        root = None if b else self.starting(output)
+        e, counts = lfilter(np.r_[1.0, -a], [1.0], signals, axis=1), seen.copy()
+        for lag in range(1, a.size + 1):
+            counts[:, lag:] &= seen[:, :-lag]
+        if a.size and root is not None:
+            e[:, : a.size] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
+        if b:
+            e = lfilter([1.0], [1.0, -b], np.where(counts[:, :, None], e, 0.0), axis=1)
+        return e, counts
 
 
 @lru_cache(maxsize=64)
@@ -140,24 +171,14 @@ def estimate_noise(
     return Noise(tuple(a for _, a, _, _ in found), sigma, tuple(b for _, _, b, _ in found))
 
 
-def noise_deviance(
-    residual: np.ndarray, seen: np.ndarray, *, may_drift: bool = True, price: float | None = None
-) -> float:
-    """Return minus twice the log-likelihood of residuals under the best noise that begins at zero.
-
-    The price of its coefficients is added. Parameters are those of :func:`estimate_noise`.
-    """
-    return float(sum(best[0] for best in _best(residual, seen, LONGEST, may_drift, price, from_zero=True)))
-
-
-def _best(residual, seen, longest: int, may_drift: bool, price: float | None, from_zero: bool = False):
+def _best(residual, seen, longest: int, may_drift: bool, price: float | None):
     """Yield (criterion, a, b, variance) of the best noise model of each output."""
     for output in range(residual.shape[2]):
         r, known = residual[:, :, output], seen[:, :, output]
         each = np.log(max(known.sum(), 2)) if price is None else price
         models = [_autoregression(r, known, longest, each)]
         if may_drift:
-            models.append(_with_moving_average(r, known, each, from_zero))
+            models.append(_with_moving_average(r, known, each))
         yield min(models, key=lambda found: found[0])
 
 
@@ -192,15 +213,12 @@ def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
     return float(np.sum(e[counts] ** 2) / max(counts.sum(), 1))
 
 
-def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float, from_zero: bool):
+def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
     """Return (criterion, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}.
 
     Fitted by conditional least squares, a in closed form for each b (variable projection, Golub and Pereyra
     1973). b is at most a: a drift adds slow noise. What lacks slow power has been fitted, and is no noise.
     """
-    if from_zero:
-        r = np.pad(r, ((0, 0), (1, 0)))
-        known = np.pad(known, ((0, 0), (1, 0)), constant_values=True)
     pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
     n = int(pairs.sum())
     if n < 50 or not np.any(r):
@@ -209,10 +227,7 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float, from_ze
     def given(b: float) -> tuple[float, float]:
         """Return the best a, and the sum of squares of the innovations."""
         early, late = (lfilter([1.0], [1.0, -b], part, axis=1) for part in (r[:, :-1], r[:, 1:]))
-        early, late = (
-            np.where(pairs, part, 0.0) if from_zero else _whatever_the_start(part, b, pairs)
-            for part in (early, late)
-        )
+        early, late = (_whatever_the_start(part, b, pairs) for part in (early, late))
         power = float(np.sum(early**2))
         a = float(np.clip(np.sum(late * early) / power, b, 1.0)) if power > 0 else 1.0
         return a, float(np.sum((late - a * early) ** 2))

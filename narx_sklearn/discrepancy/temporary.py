@@ -91,10 +91,8 @@ def search_in_spans(
     if found is None:
         return None
     near = [c for c in found.candidates if c.criterion < found.candidates[0].criterion + IN_REACH]
-    settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
-        delayed(_settled)(found.problem, c) for c in near
-    )
-    best = min(settled, key=lambda c: c.criterion)
+    settled = _settled_each(found.problem, near, settings)
+    best = settled[0]
     value = deviance(found.problem, best.fit.model)
     gained = deviance(problem, refitted.model) - value
     n_shapes = (
@@ -106,9 +104,10 @@ def search_in_spans(
     to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
     if to_beat <= value + best.price + HARDLY:
         return None
-    problem = problem.with_noise(clearer_noise(found.problem, best.fit) or found.problem.noise)
+    own, settled = _settled_again(found.problem, settled, value, settings)
+    problem = problem.with_noise(clearer_noise(own, settled[0].fit) or own.noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
-    models += [_in_span(c, best.effects[0].during) for c in found.candidates[len(near) :]]
+    models += [_in_span(c, settled[0].effects[0].during) for c in found.candidates[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
     return problem, fit(problem, refitted.model), [step]
 
@@ -223,6 +222,31 @@ def _in_span(candidate: Candidate, span: Span) -> Model:
     """Return the model of a candidate with its effect acting in another span."""
     (effect,) = candidate.effects
     return candidate.fit.model._replace(effects=(replace(effect, during=span),))
+
+
+def _settled_again(
+    problem: Problem, settled: list[Candidate], value: float, settings: Settings
+) -> tuple[Problem, list[Candidate]]:
+    """Settle the ends once more under the noise that the best effect leaves, where that is clearer.
+
+    The noise of the rest was coloured by what acts for longer than the span that was searched.
+    """
+    noise = clearer_noise(problem, settled[0].fit)
+    if noise is None:
+        return problem, settled
+    clearer = problem.with_noise(noise)
+    near = [c for c in settled if c.criterion < settled[0].criterion + IN_REACH]
+    again = _settled_each(clearer, [replace(c, fit=fit(clearer, c.fit.model)) for c in near], settings)
+    better = deviance(clearer, again[0].fit.model) < value
+    return (clearer, again) if better else (problem, settled)
+
+
+def _settled_each(problem: Problem, candidates: list[Candidate], settings: Settings) -> list[Candidate]:
+    """Return effects with the ends of their time settled, best first."""
+    settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(_settled)(problem, c) for c in candidates
+    )
+    return sorted(settled, key=lambda c: c.criterion)
 
 
 def _settled(problem: Problem, candidate: Candidate) -> Candidate:

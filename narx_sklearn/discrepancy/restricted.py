@@ -1,0 +1,197 @@
+"""The likelihood of noise of any colour, beside what initial states and parameters take for themselves.
+
+Free initial states and parameters follow the slow part of a drift, so what a fit leaves is whiter than the
+noise was; an effect that follows a little more makes it white altogether, and looks as if it were there. The
+restricted likelihood (Patterson and Thompson 1971) is that of all contrasts which they do not reach:
+
+.. math:: -2 \\ln L = (n - k) \\ln s^2 + \\ln |V| + \\ln |X^\\top V^{-1} X|
+
+with V the covariance of the noise in units of its innovations' variance s^2, and X k orthonormal responses to
+initial states and parameters. It is linear about a fitted model.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from narx_sklearn.discrepancy.noise import SLOWEST, Noise, estimate_noise
+from narx_sklearn.discrepancy.problem import Model, Problem, Projector
+from narx_sklearn.discrepancy.refit import all_bounds, difference_steps, state_scale
+from narx_sklearn.discrepancy.simulator import Windows
+
+COLOUR = 2.0  # price of a coefficient of the noise, that of Akaike (1974): a dearer one leaves a faint colour
+FLAT = 1e-9  # share of the largest response below which one says nothing
+GRID = 9  # paces of a drift that are tried, evenly in the logarithm
+FINE = 0.05  # to which that logarithm is then found
+
+
+class OwnNoise(NamedTuple):
+    """The noise that a model leaves, and minus twice the restricted log-likelihood under it, priced."""
+
+    noise: Noise
+    deviance: float
+
+
+def own_noise(
+    problem: Problem, model: Model, *, may_drift: bool = True, contrasts: "Contrasts | None" = None
+) -> OwnNoise:
+    """Return the likeliest noise beside a model: white, coloured or, where it may, drifting."""
+    contrasts = contrasts or Contrasts.of(problem, model)
+    left = problem.left_over(model)
+    n_outputs = left.shape[2]
+    best = contrasts.under(Noise.white(np.ones(n_outputs)))
+    for output in range(n_outputs):
+        part, seen = left[:, :, output : output + 1], problem.seen[:, :, output : output + 1]
+        colours = [estimate_noise(part, seen, may_drift=False, price=COLOUR)]
+        if may_drift:
+            colours.append(estimate_noise(part, seen, price=COLOUR))
+        tried = [contrasts.under(_with_colour(best.noise, output, *_colour(noise))) for noise in colours]
+        if may_drift:
+            tried.append(contrasts.likeliest_walk(best.noise, output))
+        best = min([best, *tried], key=lambda found: found.deviance)
+    return best
+
+
+def _colour(noise: Noise) -> tuple[np.ndarray, float]:
+    return noise.coefficients[0], noise.average[0] if noise.average else 0.0
+
+
+def _with_colour(noise: Noise, output: int, a: np.ndarray, b: float) -> Noise:
+    """Return a noise with another colour on one output."""
+    coefficients, average = list(noise.coefficients), list(noise.average or (0.0,) * len(noise.coefficients))
+    coefficients[output], average[output] = a, b
+    return noise._replace(coefficients=tuple(coefficients), average=tuple(average))
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """What a model leaves, and its responses, by stretches of windows that follow without a gap."""
+
+    signals: np.ndarray  # (stretches, samples, outputs, signals): nuisances, other responses, what is left
+    seen: np.ndarray  # (stretches, samples, outputs)
+    n_nuisances: int  # orthonormal responses to initial states and the simulator's own parameters
+    unit: np.ndarray  # (outputs,) in which outputs are counted
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model) -> "Contrasts":
+        """Linearise a model about its run; outputs are counted in what they jitter by."""
+        unit = _jitter(problem)
+        plain = problem.with_noise(Noise.white(unit))
+        run = plain.run(model)
+        states = np.nan_to_num(plain.states_sensitivity(model, run, state_scale(plain, model, run)))
+        q = model.q
+        steps = difference_steps(model, all_bounds(plain, model), np.where(q != 0, np.abs(q), 1.0))
+        responses = np.nan_to_num(plain.parameter_sensitivity(model, run, steps))
+        projector = Projector.of(states)
+        own = _orthonormal(projector(responses[:, :, : model.p.size]))
+        others = _normalised(responses[:, :, model.p.size :])
+        rest = np.nan_to_num(plain.residual(run))[:, :, None]
+        shared = np.concatenate([own, others, rest], axis=2)
+        places, shape = _places(problem.windows)
+        n_outputs = unit.size
+        pieces = []
+        for window, (stretch, at, length) in enumerate(places):
+            alive = projector.basis[window].any(axis=0)
+            pieces.append((stretch, at, length, projector.basis[window][:, alive], shared[window]))
+        n_states = sum(basis.shape[1] for *_, basis, _ in pieces)
+        signals = np.zeros((*shape, n_outputs, n_states + shared.shape[2]))
+        seen = np.zeros((*shape, n_outputs), dtype=bool)
+        column = 0
+        for window, (stretch, at, length, basis, common) in enumerate(pieces):
+            rows = slice(at, at + length)
+            own_columns = slice(column, column + basis.shape[1])
+            signals[stretch, rows, :, own_columns] = _by_output(basis, n_outputs)[:length]
+            signals[stretch, rows, :, n_states:] = _by_output(common, n_outputs)[:length]
+            seen[stretch, rows] = problem.seen[window, :length]
+            column = own_columns.stop
+        return cls(signals, seen, n_states + own.shape[2], unit)
+
+    def under(self, noise: Noise) -> OwnNoise:
+        """Return a noise of given colour with the size that fits, and the deviance under it."""
+        whitened, weights = [], []
+        deviance = noise.n_parameters * COLOUR
+        for output in range(self.unit.size):
+            seen, signals = self.seen[:, :, output], self.signals[:, :, output]
+            e, counts = noise.innovations_from_zero(signals, seen, output)
+            e = e[counts]
+            size = np.sqrt(max(float(np.mean(e[:, -1] ** 2)), 1e-300)) if len(e) else 1.0
+            whitened.append(e / size)
+            weights.append(size)
+            deviance += 2 * np.log(size) * len(e)
+        gram = sum(e.T @ e for e in whitened)
+        n, k = sum(len(e) for e in whitened), self.n_nuisances
+        cost = max(float(_left_by(gram)), 1e-300) / max(n - k, 1)
+        deviance += noise.log_determinant(self.seen.shape[0])
+        deviance += (n - k) * np.log(cost) + np.linalg.slogdet(gram[:k, :k])[1]
+        return OwnNoise(noise._replace(sigma=np.array(weights) * np.sqrt(cost) * self.unit), float(deviance))
+
+    def likeliest_walk(self, noise: Noise, output: int) -> OwnNoise:
+        """Return the likeliest noise of which one output's is a random walk under white noise."""
+
+        def walking(log_pace: float) -> OwnNoise:
+            # of two coefficients one is given
+            found = self.under(_with_colour(noise, output, np.ones(1), float(1.0 - np.exp(log_pace))))
+            return found._replace(deviance=found.deviance - COLOUR)
+
+        grid = np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), GRID)
+        at = int(np.argmin([walking(log_pace).deviance for log_pace in grid]))
+        around = grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]
+        found = minimize_scalar(
+            lambda log_pace: walking(log_pace).deviance,
+            bounds=around,
+            method="bounded",
+            options={"xatol": FINE},
+        )
+        return min(walking(grid[at]), walking(found.x), key=lambda own: own.deviance)
+
+
+def _jitter(problem: Problem) -> np.ndarray:
+    """Return how much each output jitters from sample to sample: the same for all models of a record."""
+    y = problem.raw(problem.y)
+    known = problem.seen[:, 2:] & problem.seen[:, 1:-1] & problem.seen[:, :-2]
+    bends = np.where(known, y[:, 2:] - 2 * y[:, 1:-1] + y[:, :-2], 0.0)
+    jitter = np.sqrt(np.sum(bends**2, axis=(0, 1)) / np.maximum(known.sum(axis=(0, 1)), 1) / 6.0)
+    return np.where(jitter > 0, jitter, np.maximum(np.abs(y).max(axis=(0, 1)), 1.0))
+
+
+def _normalised(columns: np.ndarray) -> np.ndarray:
+    """Return columns (W, T, n) of unit length."""
+    length = np.sqrt(np.einsum("wtn,wtn->n", columns, columns))
+    return columns / np.where(length > 0, length, 1.0)
+
+
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Return orthonormal columns (W, T, k) that span the same."""
+    if not columns.size:
+        return columns
+    left, values, _ = np.linalg.svd(_normalised(columns).reshape(-1, columns.shape[2]), full_matrices=False)
+    kept = left[:, values > FLAT * values.max(initial=0.0)]
+    return kept.reshape(*columns.shape[:2], kept.shape[1])
+
+
+def _left_by(gram: np.ndarray) -> float:
+    """Return the squares of the last signal that all others do not explain."""
+    size = np.sqrt(np.diag(gram)[:-1])
+    size = np.where(size > 0, size, 1.0)
+    between, with_last = gram[:-1, :-1] / np.outer(size, size), gram[:-1, -1] / size
+    return float(gram[-1, -1] - with_last @ np.linalg.pinv(between, rcond=FLAT, hermitian=True) @ with_last)
+
+
+def _places(windows: Windows) -> tuple[list[tuple[int, int, int]], tuple[int, int]]:
+    """Return each window's stretch, its place there and its length; and the shape of all stretches."""
+    lengths = (windows.last - windows.first).tolist()
+    places: list[tuple[int, int, int]] = []
+    ends: list[int] = []
+    for length, fresh in zip(lengths, windows.fresh.tolist(), strict=True):
+        if fresh or not ends:
+            ends.append(0)
+        places.append((len(ends) - 1, ends[-1], length))
+        ends[-1] += length
+    return places, (len(ends), max(ends))
+
+
+def _by_output(columns: np.ndarray, n_outputs: int) -> np.ndarray:
+    """Return columns over samples times outputs, (T, k), as (samples, outputs, k)."""
+    return columns.reshape(len(columns) // n_outputs, n_outputs, columns.shape[1])

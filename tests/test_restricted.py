@@ -1,0 +1,159 @@
+"""The restricted likelihood of noise: against dense algebra, and what it is for."""
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+
+from narx_sklearn import ODESimulator
+from narx_sklearn.discrepancy.confirm import deviance
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.001,))
+
+
+def axis(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+def make_axis(gain=1.0, damping=0.5, outputs=(0,)):
+    return ODESimulator(
+        axis,
+        dt=0.02,
+        parameters={"gain": gain, "damping": damping},
+        states=["position", "velocity"],
+        inputs=["drive"],
+        outputs=["position", "velocity"][: len(outputs)],
+        output=outputs,
+    )
+
+
+def fitted(noise, *, outputs=(0,), n_windows=3, seed=0, pieces=None, unseen=()):
+    """Return a problem and the axis's fit to a recording of its own, with noise on it."""
+    n = len(noise)
+    u = np.repeat(np.random.default_rng(seed).normal(0.0, 3.0, n // 15 + 1), 15)[:n, None]
+    y = make_axis(1.1, 0.4, outputs).simulate(u) + noise
+    y[list(unseen)] = np.nan
+    windows = cut(pieces or [(slice(0, n), 0)], n // n_windows, 12)
+    problem = Problem(make_axis(outputs=outputs), u, y, windows, Noise.white(np.std(noise, axis=0)))
+    found = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
+    return problem, fit(problem, found.model, tolerance=1e-12)
+
+
+def covariance(a, b, n):
+    """Return the covariance of noise with unit innovations: lasting where b is zero, else begun at zero."""
+    if not b:
+        ahead = np.zeros(4000)
+        ahead[0] = 1.0
+        for k in range(1, ahead.size):  # the response to one innovation
+            ahead[k] = sum(c * ahead[k - lag] for lag, c in enumerate(a, start=1) if k >= lag)
+        return toeplitz([ahead[lag:] @ ahead[: ahead.size - lag] for lag in range(n)])
+    root = np.eye(n)
+    for k in range(1, n):
+        root[k] = a[0] * root[k - 1]
+        root[k, k - 1] -= b
+        root[k, k] = 1.0
+    return root @ root.T
+
+
+def dense(problem, model, a, b):
+    """Return the restricted deviance of one output, seen without gaps, by the formula as it is written."""
+    plain = problem.with_noise(Noise.white(np.ones(1)))
+    run = plain.run(model)
+    n, n_windows = problem.n_seen, problem.windows.count
+    X = np.zeros((n, 2 * n_windows + 2))
+    length = problem.windows.last - problem.windows.first
+    ends = np.cumsum(length)
+    states = plain.states_sensitivity(model, run, np.full(2, 1e-5))
+    parameters = plain.parameter_sensitivity(model, run, np.full(2, 1e-5))
+    rest = np.zeros(n)
+    for w, (end, size) in enumerate(zip(ends, length, strict=True)):
+        X[end - size : end, 2 * w : 2 * w + 2] = states[w, :size]
+        X[end - size : end, -2:] = parameters[w, :size]
+        rest[end - size : end] = plain.residual(run)[w, :size]
+    X, _ = np.linalg.qr(X)
+    V = covariance(a, b, n)
+    inverse = np.linalg.inv(V)
+    information = X.T @ inverse @ X
+    left = rest - X @ np.linalg.solve(information, X.T @ inverse @ rest)
+    k = X.shape[1]
+    cost = left @ inverse @ left / (n - k)
+    return (n - k) * np.log(cost) + np.linalg.slogdet(V)[1] + np.linalg.slogdet(information)[1]
+
+
+@pytest.mark.parametrize(
+    ("a", "b"), [((), 0.0), ((0.8,), 0.0), ((0.5, 0.3), 0.0), ((1.0,), 0.95), ((0.97,), 0.9)]
+)
+def test_it_is_that_of_dense_algebra(a, b):
+    problem, found = fitted(0.02 * np.random.default_rng(1).normal(size=(300, 1)))
+    contrasts = Contrasts.of(problem, found.model)
+    own = contrasts.under(Noise((np.array(a),), np.ones(1), (b,)))
+    free = 300 - contrasts.n_nuisances
+    expected = dense(problem, found.model, a, b) - 2 * free * np.log(contrasts.unit[0])
+    assert own.deviance - 2.0 * (len(a) + (b != 0)) == pytest.approx(expected, abs=0.02)
+
+
+def test_an_output_that_nobody_saw_for_a_while_counts_where_it_was_seen():
+    noise = 0.02 * np.random.default_rng(1).normal(size=(400, 2))
+    problem, found = fitted(noise, outputs=(0, 1), unseen=range(150, 180))
+    contrasts = Contrasts.of(problem, found.model)
+    assert contrasts.seen.sum() == 2 * 370
+    walk = contrasts.under(Noise((np.ones(1), np.ones(1)), np.ones(2), (0.98, 0.98)))
+    white = contrasts.under(Noise.white(np.ones(2)))
+    assert white.deviance < walk.deviance
+    assert white.noise.sigma == pytest.approx(0.02, rel=0.1)
+
+
+def test_windows_that_do_not_follow_begin_anew():
+    noise = 0.02 * np.random.default_rng(1).normal(size=(400, 1))
+    pieces = [(slice(0, 200), 0), (slice(220, 400), 220)]
+    problem, found = fitted(noise, pieces=pieces, n_windows=4)
+    contrasts = Contrasts.of(problem, found.model)
+    assert contrasts.seen.shape == (2, 200, 1)
+    assert contrasts.seen.sum() == 380
+    assert contrasts.n_nuisances == 2 * problem.windows.count + 2
+
+
+@pytest.mark.parametrize("b", [0.0, 0.001, 0.3])
+def test_the_first_sample_of_coloured_noise_counts(b):
+    """A transient with the noise's own pole leaves one innovation only: that of the first sample."""
+    pole = 0.9
+    lasting = np.sqrt(1.0 + (pole - b) ** 2 / (1.0 - pole**2))
+    noise = Noise((np.array([pole]),), np.array([0.1]), (b,))
+    transient = 2.0 * pole ** np.arange(200.0)
+    e = noise.innovations(transient[None, :, None])[0, :, 0]
+    assert e[0] == pytest.approx(20.0 / lasting)
+    assert e[1:] == pytest.approx(np.zeros(199), abs=1e-9)
+
+
+def walking(rng, n):
+    """Return white noise and a random walk that ends as large."""
+    walk = np.cumsum(rng.normal(size=(n, 1)), axis=0) / np.sqrt(n / 2)
+    return 0.02 * (0.8 * rng.normal(size=(n, 1)) + 0.6 * walk)
+
+
+def test_a_drift_that_initial_states_follow_is_found_all_the_same():
+    paces = []
+    for seed in range(10):
+        problem, found = fitted(walking(np.random.default_rng(seed), 1500), n_windows=4, seed=seed)
+        noise = own_noise(problem, found.model).noise
+        paces += [1.0 - noise.average[0]] if noise.average else []
+    assert len(paces) >= 7
+    expected = 0.6 / 0.8 / np.sqrt(750)  # of the walk's steps to the white part, where that is small
+    assert np.median(paces) == pytest.approx(expected, rel=0.5)
+
+
+def test_what_a_load_gains_on_noise_that_drifts_is_chi_squared():
+    gained = []
+    for seed in range(30):
+        problem, found = fitted(walking(np.random.default_rng(seed), 1500), n_windows=4, seed=seed)
+        problem = problem.with_noise(estimate_noise(problem.left_over(found.model), problem.seen))
+        base = fit(problem, found.model)
+        loaded = fit(problem, base.model._replace(effects=(LOAD,)))
+        gained.append(deviance(problem, base.model) - deviance(problem, loaded.model))
+    assert np.mean(np.array(gained) > 6.63) < 0.1  # a hundredth; a sixth if the fit's own part is not counted
