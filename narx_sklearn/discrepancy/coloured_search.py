@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
 CERTAIN = Detection(
     np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0
@@ -31,7 +32,8 @@ def coloured_search(
     bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
     residual = _without_structure(problem, bank)
     bank = bank.without_columns()
-    known = _leading(problem, refitted, bank, settings)
+    faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
+    known = [] if faint else _leading(problem, refitted, bank, settings)
     dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
     if dominated:
         # mostly structure, far from what its tangents show: only beside a full fit is the rest near them
