@@ -235,6 +235,41 @@ def test_the_halves_and_the_middle_are_tried_where_no_stretch_stands_out(monkeyp
     assert dx.findings_[0].during == pytest.approx((1000 * DT, 2300 * DT), abs=8 * DT)
 
 
+def loosening(x, u, p):
+    """The stage, where u[1] says how much of its spring is lost."""
+    return x[1], p[0] * u[0] - p[1] * x[1] - (1.0 - u[1]) * p[2] * x[0]
+
+
+def sagging(x, u, p):
+    """The stage, where u[1] says how much of its drive is lost."""
+    return x[1], p[0] * (1.0 - u[1]) * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+@pytest.mark.parametrize(
+    ("rhs", "port", "parameter"),
+    [(loosening, "state:1", ("k", 2.2, "1/s^2")), (sagging, "input:0", ("k", -0.2, "-"))],
+)
+def test_a_parameter_that_changes_is_told_and_no_name_is_sold_for_it(rhs, port, parameter):
+    u = drive(3000)
+    lost = 0.2 * (np.arange(3000) >= 1200)
+    machine = make(rhs, ("drive [V]", "lost [-]"), (1.1, 0.7, 11.0))
+    y = machine.simulate(np.column_stack([u[:, 0], lost]))
+    y += 0.004 * np.random.default_rng(1).normal(size=y.shape)
+    effects = ["clearance", "creep", "extra_mode", "constant_load", "viscous_damping", "dead_zone"]
+    found = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
+    assert found.verdict_ == "unknown"
+    (finding,) = found.findings_
+    assert (finding.effect, finding.port) == ("unknown", port)
+    assert "parameter that changed" in finding.title
+    name, value, unit = parameter
+    before = finding.during[0] == -np.inf  # it acts before or after, which is the same
+    assert finding.parameters[name] == pytest.approx(-value if before else value, rel=0.3)
+    assert finding.units[name] == unit
+    assert finding.during[1 if before else 0] == pytest.approx(24.0, abs=0.1)
+    scores = found.scores_["nrmse"]
+    assert scores["augmented"] < 0.3 * scores["refitted"]
+
+
 def searched_in(y, u, start, stop):
     """Search in a stretch that somebody points at."""
     simulator = make()

@@ -19,12 +19,13 @@ from narx_sklearn.discrepancy.explain import (
     ranked,
     refit_leaders,
 )
-from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses
+from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
     REFINES,
     declared_rival,
+    is_a_change,
     likeliest,
     look_alikes,
     special_cases,
@@ -358,14 +359,21 @@ def _replaced(candidate: Candidate, kept: set) -> set[str]:
 def _unnamed(
     problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
 ) -> Candidate | None:
-    """Return the best broken line at any port, fitted from the parameters that go with the named effects."""
-    curves = [c.placed for c in _curves(problem, refitted, structure)]
+    """Return the best curve at any port, fitted from the parameters that go with the named effects.
+
+    Beside what acts for a while, a change of the simulator's own parameters meanwhile is tried too.
+    """
+    curves = _curves(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
     if len(times) == 1:
         (during,) = times
-        curves = [replace(curve, during=during) for curve in curves]
+        if best.effects[0].passes:
+            curves += line_hypotheses(problem.simulator, structure)
+        placed = [replace(curve.placed, during=during) for curve in curves]
+    else:
+        placed = [curve.placed for curve in curves]
     base = refitted._replace(model=best.fit.model._replace(effects=()))
-    found = refit_leaders(problem, base, curves, settings.n_jobs, finished=1, twins=0)
+    found = refit_leaders(problem, base, placed, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None
 
 
@@ -424,6 +432,8 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Le
         return "unknown"
     if leftover.p_value <= alpha and leftover.of_form and leftover.gain > REFUTES * to_explain:
         return "unknown"
+    if unnamed is not None and is_a_change(unnamed, best):
+        return "unknown"  # a parameter of the simulator's own has changed
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
     if unnamed is not None and unnamed.criterion < best.criterion:

@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import Candidate, odd
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.lookalikes import is_a_change
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -90,10 +91,12 @@ def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Findin
 
 def told(diagnosis: Diagnosis) -> Candidate:
     """Return the fitted set of effects that the findings tell of: the named one or, if better, a curve."""
-    best = diagnosis.best
-    if best.effects and diagnosis.verdict == "unknown" and diagnosis.unnamed is not None:
-        return diagnosis.unnamed if odd(best) else min((best, diagnosis.unnamed), key=lambda c: c.criterion)
-    return best
+    best, unnamed = diagnosis.best, diagnosis.unnamed
+    if not best.effects or diagnosis.verdict != "unknown" or unnamed is None:
+        return best
+    if odd(best) or is_a_change(unnamed, best):
+        return unnamed
+    return min((best, unnamed), key=lambda c: c.criterion)
 
 
 def _confidence(diagnosis: Diagnosis, best, i: int) -> float:

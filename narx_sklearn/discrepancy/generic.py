@@ -15,15 +15,17 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, EffectParameter
 
 KNOTS = 7
-CURVE, SURFACE = "unnamed_curve", "unnamed_surface"
-UNNAMED = (CURVE, SURFACE)
+CURVE, SURFACE, LINE = "unnamed_curve", "unnamed_surface", "unnamed_line"
+UNNAMED = (CURVE, SURFACE, LINE)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     SURFACE: "a force of position and rate that the catalogue does not hold",
+    LINE: "a parameter that changed",
 }
 SENTENCES = {
     CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
     SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
+    LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
 }
 MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
 
@@ -57,6 +59,36 @@ def _force(argument, rate, own, second, time, step, z, theta, dz):
 def _transform(signal, second, dt, theta, first):
     knots = np.linspace(theta[KNOTS], theta[KNOTS + 1], KNOTS)
     return signal + np.interp(signal, knots, theta[:KNOTS])
+
+
+@njit(nogil=True, cache=True)
+def _proportional(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * argument
+
+
+def _gained(signal, second, dt, theta, first):
+    return signal * (1.0 + theta[0])
+
+
+def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:
+    """Return a force in proportion to a signal, for each port and argument.
+
+    One that always acts is a matter of the simulator's own parameters; for a while, it is a change of them.
+    """
+    found = []
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
+        found.append(
+            _unnamed(LINE, "k x", ["k"], (), _proportional, Port("input", i), (), simulator.inputs[i])
+        )
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        seen = set()
+        for kind in ("own", "position", "any"):
+            for weights, *signal in _arguments(kind, i, simulator, structure):
+                if weights not in seen:
+                    seen.add(weights)
+                    port = Port("state", i)
+                    found.append(_unnamed(LINE, "k x", ["k"], (), _proportional, port, weights, signal))
+    return found
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
@@ -107,17 +139,19 @@ def _of_motion(port: Port, weights, signal, position, dt: float) -> Hypothesis |
 
 
 def _unnamed(code: str, equation: str, names, fixed, force, port: Port, weights, signal) -> Hypothesis:
-    """Return the hypothesis of a force that is linear in its named coefficients; the last two are fixed."""
+    """Return the hypothesis of a force that is linear in its named coefficients; others are fixed."""
     n = len(names)
+    unit = ("-" if port.kind == "input" else "{port}/({arg})") if code == LINE else "{port}"
+    transforms = {CURVE: _transform, LINE: _gained}
     effect = Effect(
         code=code,
         title=TITLES[code],
         sentence=SENTENCES[code],
         equation=equation,
-        parameters=(*(EffectParameter(name, "{port}") for name in names), *fixed),
+        parameters=(*(EffectParameter(name, unit) for name in names), *fixed),
         starts=_none,
         force=force,
-        transform=_transform if code == CURVE else None,
+        transform=transforms.get(code),
         amplitude=None,
     )
     scale = [parameter.lower for parameter in fixed]

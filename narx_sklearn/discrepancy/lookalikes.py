@@ -7,6 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
 from narx_sklearn.discrepancy.explain import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.generic import LINE
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import fit
@@ -185,3 +186,10 @@ def look_alikes(
         if stays:
             kept.append(other)
     return kept
+
+
+def is_a_change(unnamed: Candidate, best: Candidate) -> bool:
+    """Tell whether a change of the simulator's own parameters is as likely as names, with fewer values."""
+    (change,) = unnamed.effects
+    fewer = change.n_theta < sum(effect.n_theta for effect in best.effects)
+    return change.effect.code == LINE and fewer and unnamed.criterion < best.criterion + HARDLY
