@@ -109,6 +109,18 @@ def test_an_output_that_nobody_saw_for_a_while_counts_where_it_was_seen():
     assert white.noise.sigma == pytest.approx(0.02, rel=0.1)
 
 
+def test_an_initial_state_that_gaps_hide_from_coloured_noise_speaks_for_no_colour():
+    """After gaps like these an autoregression of three lags counts no innovation in the last window."""
+    noise = 0.02 * np.random.default_rng(1).normal(size=(400, 1))
+    problem, found = fitted(noise, n_windows=4, unseen=[k for k in range(300, 400) if k % 3 == 0])
+    contrasts = Contrasts.of(problem, found.model)
+    white = contrasts.under(Noise.white(np.ones(1)))
+    coloured = contrasts.under(Noise((np.array([0.05, 0.02, 0.01]),), np.ones(1), (0.0,)))
+    # of the 67 samples seen in that window none counts, nor do the states that only it tells of
+    assert coloured.deviance == pytest.approx(white.deviance, abs=150.0)
+    assert own_noise(problem, found.model).deviance <= white.deviance
+
+
 def test_windows_that_do_not_follow_begin_anew():
     noise = 0.02 * np.random.default_rng(1).normal(size=(400, 1))
     pieces = [(slice(0, 200), 0), (slice(220, 400), 220)]

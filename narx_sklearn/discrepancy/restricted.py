@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.simulator import Windows
 
 COLOUR = 2.0  # price of a coefficient of the noise, that of Akaike (1974): a dearer one leaves a faint colour
 FLAT = 1e-9  # share of the largest response below which one says nothing
+UNFELT = 1e-6  # least information on a contrast, of that on the one that is felt most
 GRID = 9  # paces of a drift that are tried, evenly in the logarithm
 FINE = 0.05  # to which that logarithm is then found
 
@@ -124,7 +125,7 @@ class Contrasts:
         n, k = sum(len(e) for e in whitened), self.n_nuisances
         cost = max(float(_left_by(gram)), 1e-300) / max(n - k, 1)
         deviance += noise.log_determinant(self.seen.shape[0])
-        deviance += (n - k) * np.log(cost) + np.linalg.slogdet(gram[:k, :k])[1]
+        deviance += (n - k) * np.log(cost) + _log_determinant(gram[:k, :k])
         return OwnNoise(noise._replace(sigma=np.array(weights) * np.sqrt(cost) * self.unit), float(deviance))
 
     def likeliest_walk(self, noise: Noise, output: int) -> OwnNoise:
@@ -145,6 +146,12 @@ class Contrasts:
             options={"xatol": FINE},
         )
         return min(walking(grid[at]), walking(found.x), key=lambda own: own.deviance)
+
+
+def _log_determinant(information: np.ndarray) -> float:
+    """Return the log determinant; what no innovation feels, beside gaps, counts as hardly felt."""
+    values = np.linalg.eigvalsh(information)
+    return float(np.log(np.maximum(values, UNFELT * max(values.max(initial=0.0), 1e-300))).sum())
 
 
 def _jitter(problem: Problem) -> np.ndarray:
