@@ -168,4 +168,4 @@ def test_what_a_load_gains_on_noise_that_drifts_is_chi_squared():
         base = fit(problem, found.model)
         loaded = fit(problem, base.model._replace(effects=(LOAD,)))
         gained.append(deviance(problem, base.model) - deviance(problem, loaded.model))
-    assert np.mean(np.array(gained) > 6.63) < 0.1  # a hundredth; a sixth if the fit's own part is not counted
+    assert np.mean(np.array(gained) > 6.63) < 0.1  # a hundredth, if all is counted

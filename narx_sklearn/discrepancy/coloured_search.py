@@ -18,9 +18,8 @@ from narx_sklearn.physics.effects import CATALOGUE
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
-CERTAIN = Detection(
-    np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0
-)  # with which no kind of effect is silent
+# with which no kind of effect is silent
+CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 
 
 def coloured_search(

@@ -31,6 +31,7 @@ from narx_sklearn.discrepancy.lookalikes import (
     special_cases,
 )
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import ALWAYS
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
@@ -365,13 +366,10 @@ def _unnamed(
     """
     curves = _curves(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
-    if len(times) == 1:
-        (during,) = times
-        if best.effects[0].passes:
-            curves += line_hypotheses(problem.simulator, structure)
-        placed = [replace(curve.placed, during=during) for curve in curves]
-    else:
-        placed = [curve.placed for curve in curves]
+    during = times.pop() if len(times) == 1 else ALWAYS
+    if during != ALWAYS:
+        curves += line_hypotheses(problem.simulator, structure)
+    placed = [replace(curve.placed, during=during) for curve in curves]
     base = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, base, placed, settings.n_jobs, finished=1, twins=0)
     return found[0] if found else None

@@ -75,20 +75,31 @@ def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothes
 
     One that always acts is a matter of the simulator's own parameters; for a while, it is a change of them.
     """
-    found = []
-    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-        found.append(
-            _unnamed(LINE, "k x", ["k"], (), _proportional, Port("input", i), (), simulator.inputs[i])
-        )
-    for i in np.flatnonzero(~structure.kinematic).tolist():
-        seen = set()
-        for kind in ("own", "position", "any"):
-            for weights, *signal in _arguments(kind, i, simulator, structure):
-                if weights not in seen:
-                    seen.add(weights)
-                    port = Port("state", i)
-                    found.append(_unnamed(LINE, "k x", ["k"], (), _proportional, port, weights, signal))
-    return found
+    return [
+        *(
+            _line(Port("input", i), (), simulator.inputs[i], "-")
+            for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist()
+        ),
+        *(
+            _line(Port("state", i), weights, signal, "{port}/({arg})")
+            for i in np.flatnonzero(~structure.kinematic).tolist()
+            for weights, signal in _moving(i, simulator, structure)
+        ),
+    ]
+
+
+def _line(port: Port, weights, signal, unit: str) -> Hypothesis:
+    return _unnamed(LINE, "k x", ["k"], (), _proportional, port, weights, signal, unit)
+
+
+def _moving(i: int, simulator: Simulator, structure: Structure):
+    """Yield (weights, (name, unit)) of all that a force in state equation ``i`` may depend on, each once."""
+    seen = set()
+    for kind in ("own", "position", "any"):
+        for weights, name, unit in _arguments(kind, i, simulator, structure):
+            if weights not in seen:
+                seen.add(weights)
+                yield weights, (name, unit)
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
@@ -99,13 +110,8 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
     for i, signal in enumerate(simulator.outputs):
         found.append(_at(Port("output", i), (), signal, y[:, i]))
     for i in np.flatnonzero(~structure.kinematic).tolist():
-        seen = set()
-        for kind in ("own", "position", "any"):
-            for weights, name, unit in _arguments(kind, int(i), simulator, structure):
-                if weights in seen:
-                    continue
-                seen.add(weights)
-                found.append(_at(Port("state", int(i)), weights, (name, unit), x @ np.array(weights)))
+        for weights, signal in _moving(i, simulator, structure):
+            found.append(_at(Port("state", i), weights, signal, x @ np.array(weights)))
         if structure.partner[i] >= 0:
             for weights, name, unit in _arguments("position", int(i), simulator, structure):
                 position = x @ np.array(weights)
@@ -138,10 +144,11 @@ def _of_motion(port: Port, weights, signal, position, dt: float) -> Hypothesis |
     return _unnamed(SURFACE, equation, MONOMIALS, fixed, _surface, port, weights, signal)
 
 
-def _unnamed(code: str, equation: str, names, fixed, force, port: Port, weights, signal) -> Hypothesis:
+def _unnamed(
+    code: str, equation: str, names, fixed, force, port: Port, weights, signal, unit: str = "{port}"
+) -> Hypothesis:
     """Return the hypothesis of a force that is linear in its named coefficients; others are fixed."""
     n = len(names)
-    unit = ("-" if port.kind == "input" else "{port}/({arg})") if code == LINE else "{port}"
     transforms = {CURVE: _transform, LINE: _gained}
     effect = Effect(
         code=code,

@@ -17,12 +17,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from narx_sklearn.discrepancy.noise import SLOWEST, Noise, estimate_noise
-from narx_sklearn.discrepancy.problem import Model, Problem, Projector
-from narx_sklearn.discrepancy.refit import all_bounds, difference_steps, state_scale
+from narx_sklearn.discrepancy.problem import FLAT, Model, Problem
+from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 
 COLOUR = 2.0  # price of a coefficient of the noise, that of Akaike (1974): a dearer one leaves a faint colour
-FLAT = 1e-9  # share of the largest response below which one says nothing
 UNFELT = 1e-6  # least information on a contrast, of that on the one that is felt most
 GRID = 9  # paces of a drift that are tried, evenly in the logarithm
 FINE = 0.05  # to which that logarithm is then found
@@ -80,28 +79,23 @@ class Contrasts:
         """Linearise a model about its run; outputs are counted in what they jitter by."""
         unit = _jitter(problem)
         plain = problem.with_noise(Noise.white(unit))
-        run = plain.run(model)
-        states = np.nan_to_num(plain.states_sensitivity(model, run, state_scale(plain, model, run)))
-        q = model.q
-        steps = difference_steps(model, all_bounds(plain, model), np.where(q != 0, np.abs(q), 1.0))
-        responses = np.nan_to_num(plain.parameter_sensitivity(model, run, steps))
-        projector = Projector.of(states)
-        own = _orthonormal(projector(responses[:, :, : model.p.size]))
-        others = _normalised(responses[:, :, model.p.size :])
-        rest = np.nan_to_num(plain.residual(run))[:, :, None]
+        at = fit(plain, model, iterations=0)
+        own = _orthonormal(at.jacobian[:, :, : model.p.size])
+        others = _normalised(at.jacobian[:, :, model.p.size :])
+        rest = np.nan_to_num(plain.residual(plain.run(model)))[:, :, None]
         shared = np.concatenate([own, others, rest], axis=2)
         places, shape = _places(problem.windows)
         n_outputs = unit.size
         pieces = []
-        for window, (stretch, at, length) in enumerate(places):
-            alive = projector.basis[window].any(axis=0)
-            pieces.append((stretch, at, length, projector.basis[window][:, alive], shared[window]))
+        for window, (stretch, start, length) in enumerate(places):
+            basis = at.projector.basis[window]
+            pieces.append((stretch, start, length, basis[:, basis.any(axis=0)], shared[window]))
         n_states = sum(basis.shape[1] for *_, basis, _ in pieces)
         signals = np.zeros((*shape, n_outputs, n_states + shared.shape[2]))
         seen = np.zeros((*shape, n_outputs), dtype=bool)
         column = 0
-        for window, (stretch, at, length, basis, common) in enumerate(pieces):
-            rows = slice(at, at + length)
+        for window, (stretch, start, length, basis, common) in enumerate(pieces):
+            rows = slice(start, start + length)
             own_columns = slice(column, column + basis.shape[1])
             signals[stretch, rows, :, own_columns] = _by_output(basis, n_outputs)[:length]
             signals[stretch, rows, :, n_states:] = _by_output(common, n_outputs)[:length]

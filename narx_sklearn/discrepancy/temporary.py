@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.explain import (
 )
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
-from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, within
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -95,17 +95,16 @@ def search_in_spans(
     best = settled[0]
     value = deviance(found.problem, best.fit.model)
     gained = deviance(problem, refitted.model) - value
-    n_shapes = (
-        problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * MOST_BLOCKS**2 / 2
-    )  # spans, by their ends
+    n_spans = MOST_BLOCKS**2 / 2  # by their ends
+    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * n_spans
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
     if chance > SHARE * settings.alpha:
         return None
     to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
     if to_beat <= value + best.price + HARDLY:
         return None
-    own, settled = _settled_again(found.problem, settled, value, settings)
-    problem = problem.with_noise(clearer_noise(own, settled[0].fit) or own.noise)
+    noise, settled = _settled_again(found.problem, settled, value, settings)
+    problem = problem.with_noise(noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
     models += [_in_span(c, settled[0].effects[0].during) for c in found.candidates[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
@@ -226,19 +225,21 @@ def _in_span(candidate: Candidate, span: Span) -> Model:
 
 def _settled_again(
     problem: Problem, settled: list[Candidate], value: float, settings: Settings
-) -> tuple[Problem, list[Candidate]]:
+) -> tuple[Noise, list[Candidate]]:
     """Settle the ends once more under the noise that the best effect leaves, where that is clearer.
 
-    The noise of the rest was coloured by what acts for longer than the span that was searched.
+    The noise of the rest was coloured by what acts for longer than the span that was searched. That which is
+    left in the end is returned too.
     """
     noise = clearer_noise(problem, settled[0].fit)
     if noise is None:
-        return problem, settled
+        return problem.noise, settled
     clearer = problem.with_noise(noise)
     near = [c for c in settled if c.criterion < settled[0].criterion + IN_REACH]
     again = _settled_each(clearer, [replace(c, fit=fit(clearer, c.fit.model)) for c in near], settings)
-    better = deviance(clearer, again[0].fit.model) < value
-    return (clearer, again) if better else (problem, settled)
+    if deviance(clearer, again[0].fit.model) < value:
+        return clearer_noise(clearer, again[0].fit) or noise, again
+    return noise, settled
 
 
 def _settled_each(problem: Problem, candidates: list[Candidate], settings: Settings) -> list[Candidate]:
