@@ -30,6 +30,8 @@ CHUNK = 64  # forces answered to at once, so that memory does not grow with thei
 COARSE = 3  # half turns of the curves that the residual's size may follow
 PINNED = 0.5  # leverage above which a sample was fitted rather than predicted
 BURSTS = (4, 16, 64, 256)  # lengths of bursts, samples
+FEW_DRAWS = 499
+ENOUGH = 25  # of these that do as much: more draws would make no sign of it
 FEWEST_BURSTS = 8  # of one length that the record must have room for
 LOUD = 4.0  # standard deviations above the mean: stretches that are told
 MOST_TOLD = 5
@@ -271,31 +273,43 @@ def _scores(problem: Problem, leverage: np.ndarray, e: np.ndarray) -> np.ndarray
 
 
 def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign:
-    """Test whether large innovations come together, against the same ones in any order."""
+    """Test whether large innovations come together, against the same ones in any order.
+
+    Of few orders first, and of many only where few of those do as much (Besag and Clifford 1991).
+    """
     n_outputs = problem.y.shape[1]
-    largest, t, told = np.full(DRAWS, -np.inf), -np.inf, ""
-    for i, output in enumerate(problem.simulator.outputs):
-        own = scores[:, i::n_outputs].ravel()
-        place = np.flatnonzero(own)
-        lengths = [length for length in BURSTS if FEWEST_BURSTS * length <= place.size]
-        if not lengths:
-            continue
-        drawn = np.array([_clustering(rng.permutation(own[place]), lengths) for _ in range(DRAWS)])
-        centre, spread = drawn.mean(axis=0), drawn.std(axis=0)
-        largest = np.maximum(largest, ((drawn - centre) / spread).max(axis=1))
-        found = ((_clustering(own[place], lengths) - centre) / spread).max()
-        if found > t:
-            t, told = (
-                found,
-                f"It comes in bursts on {output}{_when(problem, e[:, i::n_outputs].ravel()[place], place)}.",
-            )
-    return Sign("bursts", told, (1.0 + np.count_nonzero(largest >= t)) / (1.0 + DRAWS))
+    places = {i: np.flatnonzero(scores[:, i::n_outputs]) for i in range(n_outputs)}
+    own = {i: scores[:, i::n_outputs].ravel()[place] for i, place in places.items()}
+    own = {i: z for i, z in own.items() if _lengths(z)}
+    if not own:
+        return Sign("bursts", "", 1.0)
+    drawn = {i: np.empty((0, len(_lengths(z)))) for i, z in own.items()}
+    for draws in (FEW_DRAWS, DRAWS):
+        largest, found = np.full(draws, -np.inf), {}
+        for i, z in own.items():
+            more = [_clustering(rng.permutation(z)) for _ in range(draws - len(drawn[i]))]
+            drawn[i] = np.concatenate([drawn[i], more])
+            centre, spread = drawn[i].mean(axis=0), drawn[i].std(axis=0)
+            largest = np.maximum(largest, ((drawn[i] - centre) / spread).max(axis=1))
+            found[i] = float(((_clustering(z) - centre) / spread).max())
+        loudest = max(found, key=lambda i: found[i])
+        above = np.count_nonzero(largest >= found[loudest])
+        if above >= ENOUGH:
+            break
+    when = _when(problem, e[:, loudest::n_outputs].ravel()[places[loudest]], places[loudest])
+    told = f"It comes in bursts on {problem.simulator.outputs[loudest]}{when}."
+    return Sign("bursts", told, (1.0 + above) / (1.0 + draws))
 
 
-def _clustering(z: np.ndarray, lengths: list[int]) -> np.ndarray:
+def _lengths(z: np.ndarray) -> list[int]:
+    """Return the lengths of bursts that a series has room for."""
+    return [length for length in BURSTS if FEWEST_BURSTS * length <= z.size]
+
+
+def _clustering(z: np.ndarray) -> np.ndarray:
     """Return the mean square of the sums over blocks, of each length."""
     found = []
-    for length in lengths:
+    for length in _lengths(z):
         whole = z.size // length * length
         found.append(np.mean(z[:whole].reshape(-1, length).sum(axis=1) ** 2))
     return np.array(found)

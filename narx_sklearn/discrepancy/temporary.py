@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.bank import Bank, make_bank
+from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.coloured_search import CERTAIN, converged, hypotheses_of, pool_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
 from narx_sklearn.discrepancy.explain import (
@@ -195,15 +195,16 @@ def _found_in(
     left = np.where(quiet, problem.left_over(base), 0.0)
     own = problem.with_noise(estimate_noise(left, quiet))
     start = _with_initial_states(own, base)
+    rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
+    if rival is not None and _left_outside(span, own, start) > rival:
+        return None
     hypotheses = [
         h._replace(placed=replace(h.placed, during=span))
         for h in hypotheses_of(own, start, structure, settings)
         if h.asked and h.placed.effect.code not in OF_TIME
     ]
     bank = make_bank(own, start, hypotheses, settings.n_jobs)
-    taken = 0.0
-    if always is not None:
-        taken = np.sum(bank.residual**2) - fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
+    taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
     placed = leaders(bank, LEADERS, CERTAIN, 1.0)
@@ -211,6 +212,19 @@ def _found_in(
     if not found:
         return None
     return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
+
+
+def _left_outside(span: Span, problem: Problem, start: Fit) -> float:
+    """Return the cost of the windows that nothing in a span touches, the parameters fitted to them alone.
+
+    No effect that acts in the span only leaves less.
+    """
+    time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
+    outside = ~(problem.inside & within(span, time)).any(axis=1)
+    if not outside.any():
+        return 0.0
+    residual = start.residual[outside][:, :, None]
+    return float(np.sum(out_of(start.jacobian[outside], residual) ** 2))
 
 
 def _with_initial_states(problem: Problem, model: Model) -> Fit:
