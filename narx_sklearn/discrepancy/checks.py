@@ -59,7 +59,7 @@ class DataFinding:
         return self.sentence
 
 
-def check_record(simulator: Simulator, u, y, sessions=None) -> tuple[DataFinding, ...]:
+def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tuple[DataFinding, ...]:
     """Look for mistakes in a record before physics is looked for.
 
     Counts tell of samples that are too few, constant, repeated or clipped. The other mistakes (wrong
@@ -78,6 +78,8 @@ def check_record(simulator: Simulator, u, y, sessions=None) -> tuple[DataFinding
         Measured outputs, in the order of the simulator's; NaN marks gaps.
     sessions : array-like of shape (n_samples,), default=None
         One label a sample.
+    n_jobs : int, default=None
+        Threads that try mistakes side by side, as in joblib.
 
     Returns
     -------
@@ -122,7 +124,7 @@ def check_record(simulator: Simulator, u, y, sessions=None) -> tuple[DataFinding
         return tuple(found)  # nothing can be compared
     case = make_case(simulator, u, y, pieces)
     if case is not None and np.nanstd(y, axis=0).min() > 0:
-        mistakes, case, last = find_mistakes(case)
+        mistakes, case, last = find_mistakes(case, n_jobs)
         found += [_told(simulator, mistake) for mistake in mistakes]
         if last is not None:
             found += _other_units(simulator, case, last)

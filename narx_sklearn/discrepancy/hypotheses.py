@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -51,6 +52,7 @@ def enumerate_hypotheses(
     run: Run,
     structure: Structure,
     unasked: Iterable[Effect] = (),
+    n_jobs: int | None = None,
 ) -> list[Hypothesis]:
     """Return the hypotheses that can act on this record, in the order given; last those nobody asks for."""
     simulator = problem.simulator
@@ -58,31 +60,39 @@ def enumerate_hypotheses(
         [np.arange(a, b) for a, b in zip(problem.windows.first, problem.windows.last, strict=True)]
     )
     material = _Material(simulator, problem, run, order, _time(problem), _firsts(problem))
-    found = []
     asked = tuple(effects)
-    for effect in (*asked, *unasked):
-        for placed in placements(effect, simulator, structure):
-            setting = material.setting(placed)
-            starts = _starts(effect, setting, placed)
-            scanned, n_tried = _scan(effect, setting, placed)
-            if len(starts) + len(scanned):
-                blind = _starts(effect, setting._replace(residual=None), placed)
-                # what is read off the measured values themselves (their steps, their repeats) is no residual
-                tuned = (
-                    np.zeros(len(starts), dtype=bool)
-                    if effect.code in READ_OFF
-                    else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts], dtype=bool)
-                )
-                found.append(
-                    Hypothesis(
-                        placed,
-                        np.concatenate([starts, scanned]),
-                        np.append(tuned, np.ones(len(scanned), dtype=bool)),
-                        np.append(np.zeros(len(starts)), np.full(len(scanned), n_tried)),
-                        effect in asked,
-                    )
-                )
-    return found
+    places = [
+        (placed, effect in asked)
+        for effect in (*asked, *unasked)
+        for placed in placements(effect, simulator, structure)
+    ]
+    found = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_hypothesis)(placed, material.setting(placed), is_asked) for placed, is_asked in places
+    )
+    return [hypothesis for hypothesis in found if hypothesis is not None]
+
+
+def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothesis | None:
+    """Return the hypothesis that an effect acts at a place; None where nothing there lets it start."""
+    effect = placed.effect
+    starts = _starts(effect, setting, placed)
+    scanned, n_tried = _scan(effect, setting, placed)
+    if not len(starts) + len(scanned):
+        return None
+    blind = _starts(effect, setting._replace(residual=None), placed)
+    # what is read off the measured values themselves (their steps, their repeats) is no residual
+    tuned = (
+        np.zeros(len(starts), dtype=bool)
+        if effect.code in READ_OFF
+        else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts], dtype=bool)
+    )
+    return Hypothesis(
+        placed,
+        np.concatenate([starts, scanned]),
+        np.append(tuned, np.ones(len(scanned), dtype=bool)),
+        np.append(np.zeros(len(starts)), np.full(len(scanned), n_tried)),
+        asked,
+    )
 
 
 def _starts(effect: Effect, setting: Setting, placed: PlacedEffect) -> np.ndarray:

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy.noise import Noise
@@ -183,7 +184,7 @@ def _regress(y, y_sim, seen, rows) -> Affine:
     return Affine(offset, slope)
 
 
-def find_mistakes(case: Case) -> tuple[list[Mistake], Case, Agreement | None]:
+def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake], Case, Agreement | None]:
     """Undo mistakes one after another, the most telling first, until none helps decisively.
 
     Returns
@@ -197,7 +198,8 @@ def find_mistakes(case: Case) -> tuple[list[Mistake], Case, Agreement | None]:
     found: list[Mistake] = []
     now = agreement(case, scaled=True)
     while len(found) < ROUNDS and now is not None:
-        tried = [_judge(mistake, now) for mistake in _suspects(case, now, {m.code for m in found})]
+        suspects = _suspects(case, now, {mistake.code for mistake in found})
+        tried = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(_judge)(m, now) for m in suspects)
         believed = [(mistake, after) for mistake, after in tried if mistake is not None]
         if not believed:
             break

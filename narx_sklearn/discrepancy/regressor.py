@@ -203,7 +203,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         _check_motion(measured)
         self._tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
-        self.data_findings_ = list(check_record(simulator, u, measured, sessions))
+        self.data_findings_ = list(check_record(simulator, u, measured, sessions, self.n_jobs))
         steps = measured_steps(measured)
         self.data_findings_ += steps_as_findings(steps, simulator.outputs)
         if np.isfinite(steps).any():  # seen in the values themselves, so it need not be looked for
