@@ -120,6 +120,13 @@ class TestChanceOfNoise:
         assert chance_of_noise(30.0, 10, 1) == pytest.approx(10 * plain, rel=1e-9)
         assert chance_of_noise(30.0, 1, 400) == pytest.approx(400 * plain, rel=1e-9)
         assert chance_of_noise(0.0, 1, 1) == 1.0
+        assert chance_of_noise(30.0, 1, 1, 2) == pytest.approx(np.exp(-15.0), rel=1e-9)
+
+    def test_a_drift_that_is_no_better_than_an_offset_is_held_against_drifting_noise_too(self):
+        drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), (), theta=(1.0, 0.0, 0.0, 0.0))
+        assert noises_against(drift) == (False,)
+        assert noises_against(drift, as_offset=True) == (False, True)
+        assert noises_against(friction(0.1), as_offset=True) == (True,)
 
 
 class TestAsked:

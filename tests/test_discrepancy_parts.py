@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
+from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
 from narx_sklearn.discrepancy.inference import covariance, intervals
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
@@ -265,7 +266,10 @@ class TestNoise:
 class TestDetection:
     def make_bank(self, rng, n_columns=20, size=0.0, n=(4, 500)):
         columns = rng.normal(size=(*n, n_columns))
-        residual = rng.normal(size=n) + size * columns[:, :, 3]
+        return self.bank_of(columns, rng.normal(size=n) + size * columns[:, :, 3])
+
+    def bank_of(self, columns, residual):
+        n_columns = columns.shape[2]
         flat = columns.reshape(-1, n_columns)
         gram = flat.T @ flat
         none = np.zeros(n_columns, dtype=int)
@@ -303,6 +307,27 @@ class TestDetection:
         values = np.random.default_rng(0).normal(size=(3, 70, 4))
         np.testing.assert_allclose(blocks_of(values, 1, 20).sum(axis=0), values.sum(axis=(0, 1)))
         np.testing.assert_allclose(blocks_of(values, 2, 20).sum(axis=0), values.sum(axis=(0, 1)))
+
+    def test_directions_are_counted_once_however_many_columns_point_there(self):
+        rng = np.random.default_rng(4)
+        apart = np.linalg.qr(rng.normal(size=(2000, 12)))[0].reshape(4, 500, 12)
+        twice = np.concatenate([apart, -3.0 * apart], axis=2)
+        assert self.bank_of(apart, apart[:, :, 0]).n_directions == pytest.approx(12.0, abs=1e-6)
+        assert self.bank_of(twice, apart[:, :, 0]).n_directions == pytest.approx(12.0, abs=1e-6)
+
+    def test_noise_gains_no_more_than_the_directions_of_a_family_of_shapes_let_it(self):
+        rng = np.random.default_rng(5)
+        u = rng.normal(size=1000)
+        levels = np.linspace(0.1, 2.0, 40)
+        columns = np.stack(
+            [u - np.clip(u, -c, c) for c in levels] + [np.clip(u, -c, c) for c in levels], axis=1
+        )
+        columns /= np.linalg.norm(columns, axis=0)
+        n_directions = self.bank_of(columns[None], u[None]).n_directions
+        assert 1 < n_directions < 20
+        most = ((rng.normal(size=(4000, 1000)) @ columns) ** 2).max(axis=1)
+        p = np.array([chance_of_noise(gain, n_directions, 1) for gain in most])
+        assert 0.002 < np.mean(p <= 0.05) <= 0.05
 
     def test_what_the_best_columns_explain_is_taken_out_of_the_noise(self):
         bank = self.make_bank(np.random.default_rng(3), size=2.0)

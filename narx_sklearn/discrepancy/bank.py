@@ -46,6 +46,21 @@ class Bank:
         """Number of columns."""
         return self.owner.size
 
+    @property
+    def n_directions(self) -> float:
+        """Number of independent directions that the columns amount to.
+
+        Counted by the eigenvalues of their correlations (Li and Ji 2005, Heredity 95, 221): one for each
+        above one, and what each has beyond a whole number.
+        """
+        length = np.sqrt(np.diag(self.gram))
+        used = np.flatnonzero(self.useful & (length > 0))
+        if not used.size:
+            return 1.0
+        correlation = self.gram[np.ix_(used, used)] / np.outer(length[used], length[used])
+        values = np.maximum(np.round(np.linalg.eigvalsh(correlation), 6), 0.0)
+        return float(np.sum((values >= 1.0) + (values - np.floor(values))))
+
     def without_columns(self) -> "Bank":
         """Return the bank with what was made of its columns, but not the columns, which are large."""
         return replace(self, columns=np.empty((*self.residual.shape, 0)))

@@ -13,7 +13,7 @@ DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
 CLEARER = 10.0  # difference of the deviance that makes a noise clearly the likelier
 
 
-def chance_of_noise(gained: float, n_tried: int, n_values: float) -> float:
+def chance_of_noise(gained: float, n_tried: float, n_values: float, n_felt: int = 1) -> float:
     """Return the p-value of an effect when each side may call what it leaves noise of its colour.
 
     Slow noise (a drift) looks like slow effects. Without the effect the noise model takes up what it can;
@@ -24,24 +24,27 @@ def chance_of_noise(gained: float, n_tried: int, n_values: float) -> float:
     ----------
     gained : float
         What the effect takes off the deviance.
-    n_tried : int
+    n_tried : float
         Hypotheses of which the effect is the best.
     n_values : float
         Shapes of the effect of which its own is the best.
+    n_felt : int, default=1
+        Degrees of freedom: parameters of the effect that were fitted and are felt.
     """
     log_tried = np.log(n_tried) + np.log(n_values)
-    return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), 1))))
+    return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), n_felt))))
 
 
-def noises_against(effect: PlacedEffect) -> tuple[bool, ...]:
+def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool, ...]:
     """Return whether noise may drift, of each kind of noise to which an effect must be preferred.
 
     Noise that drifts is as good as a drift of an output, which is held against noise that does not. An offset
-    is held against both: a sensor is off from the first sample on, where a drift has yet to come.
+    is held against both: a sensor is off from the first sample on, where a drift has yet to come. So is what
+    is no better than one (``as_offset``).
     """
     if not _is_of_a_sensor(effect):
         return (True,)
-    return (False, True) if effect.effect.code == OFFSET else (False,)
+    return (False, True) if as_offset or effect.effect.code == OFFSET else (False,)
 
 
 def is_slow(effect: PlacedEffect) -> bool:

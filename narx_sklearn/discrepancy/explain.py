@@ -9,7 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, is_slow, noises_against
+from narx_sklearn.discrepancy.confirm import OFFSET, chance_of_noise, deviance, is_slow, noises_against
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -316,12 +316,13 @@ def _confirmed(
 
     Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
     Where only a drift or an offset of an output stands, with drifting noise not against it, nothing else is
-    found.
+    found; a drift that fits no better than an offset is held against what an offset is.
     """
     if not found:
         return detection, found
     near = [c for c in found[:CONFIRMED] if c.criterion <= found[0].criterion + HARDLY]
-    noises = [noises_against(c.effects[-1]) for c in near]
+    offsets = {c.effects[-1].port for c in near if c.effects[-1].effect.code == OFFSET}
+    noises = [noises_against(c.effects[-1], c.effects[-1].port in offsets) for c in near]
     asked = list(dict.fromkeys(kind for kinds in noises for kind in kinds))
     pairs = [(base, kind) for kind in asked]
     pairs += [(c, kind) for c, kinds in zip(near, noises, strict=True) for kind in kinds]
@@ -331,13 +332,12 @@ def _confirmed(
         )
     )
     without = {kind: next(deviances) for kind in asked}
-    n_tried = len(bank.hypotheses)
+    n_directions = bank.n_directions
     chances: list[tuple[Candidate, float]] = []
     for candidate, kinds in zip(near, noises, strict=True):
-        effect = candidate.effects[-1]
-        gained = min(without[kind] - next(deviances) for kind in kinds)
-        chance = chance_of_noise(gained - ODD * effect.odd, n_tried, _shapes(effect, problem, bank))
-        chances.append((candidate, chance))
+        gained = min(without[kind] - next(deviances) for kind in kinds) - ODD * candidate.effects[-1].odd
+        n_felt = max(candidate.n_parameters - base.n_parameters, 1)
+        chances.append((candidate, _chance(gained, candidate, n_felt, problem, bank, n_directions)))
     least = min(chance for _, chance in chances)
     standing = [candidate for candidate, chance in chances if chance <= alpha]
     if standing and all(is_slow(candidate.effects[-1]) for candidate in standing):
@@ -345,13 +345,22 @@ def _confirmed(
     return detection._replace(p_value=max(detection.p_value, least)), found
 
 
-def _shapes(placed: PlacedEffect, problem: Problem, bank: Bank) -> float:
-    """Return of how many shapes an effect's is the best.
+def _chance(
+    gained: float, candidate: Candidate, n_felt: int, problem: Problem, bank: Bank, n_directions: float
+) -> float:
+    """Return the chance that noise gains as much, the less of two bounds.
 
-    n samples can tell about the square root of n values of each fitted parameter apart.
+    One counts hypotheses, and how many values of an effect's parameters n samples can tell apart: about the
+    square root of n each. The other counts the independent directions of the bank's columns, with as many
+    degrees of freedom as parameters are felt; it holds where the columns did not look at the residual.
     """
-    scanned = [np.max(h.tried) for h in bank.hypotheses if h.placed.place == placed.place]
-    return max(problem.n_seen ** (0.5 * (placed.n_theta - 1)), *scanned)
+    effect = candidate.effects[-1]
+    own = [h for h in bank.hypotheses if h.placed.place == effect.place]
+    n_values = max([problem.n_seen ** (0.5 * (effect.n_theta - 1)), *(np.max(h.tried) for h in own)])
+    by_values = chance_of_noise(gained, len(bank.hypotheses), n_values)
+    if not own or any(h.tuned.any() for h in own):
+        return by_values
+    return min(by_values, chance_of_noise(gained, n_directions, 1, n_felt))
 
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:
