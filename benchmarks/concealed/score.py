@@ -5,7 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.concealed.bounds import clopper_pearson, expected_calibration_error
+from benchmarks.concealed.bounds import (
+    clopper_pearson,
+    error_of_right_confidence,
+    expected_calibration_error,
+)
 from benchmarks.concealed.diagnose import load_verdicts
 from benchmarks.concealed.judge import judge, names_of
 from benchmarks.concealed.sealing import read_json, sha256
@@ -210,14 +214,21 @@ def _experiments(cases, out):
 
 
 def _calibration(cases):
-    """Return the row of T12: the confidence in the first name, where one was given."""
+    """Return the rows of T12: the confidence in the first name, where one was given.
+
+    Beside its error stands that of a right confidence in as many cases.
+    """
     part = cases.dropna(subset=["confidence"])
     part = part[part["verdict"].isin(["explained", "ambiguous"])]
     part = part[part["first_right"].notna()] if "first_right" in part else part[:0]
     if len(part) < CALIBRATION_CASES:
         return []
     error = expected_calibration_error(part["confidence"], part["first_right"])
-    return [_plain("T12", "all", "calibration error", len(part), error, CALIBRATION_TARGET, at_least=False)]
+    right = error_of_right_confidence(part["confidence"])
+    return [
+        _plain("T12", "all", "calibration error", len(part), error, CALIBRATION_TARGET, at_least=False),
+        _plain("T12", "all", "of a right confidence", len(part), right, np.nan, met=True),
+    ]
 
 
 def _breakdown(cases, by):
