@@ -147,7 +147,8 @@ def trial(effect: str, noise: float, seed: int, known: str) -> dict:
         diagnosis = DiscrepancyRegressor(simulator, test_fraction=HELD_OUT, random_state=0).fit(
             u, clean + disturbance
         )
-    floor = disturbance[-round(HELD_OUT * N_SAMPLES) :].std()
+    (scored,) = diagnosis.held_out_.itertuples()
+    floor = np.sqrt(np.mean(disturbance[scored.scored_from : scored.stop] ** 2))
     errors = diagnosis.scores_["rmse"]
     return {
         "effect": effect,

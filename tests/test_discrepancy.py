@@ -106,6 +106,21 @@ class TestVerdicts:
         assert DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y).verdict_ == "consistent"
 
 
+class TestHeldOut:
+    def test_the_samples_that_were_scored_are_told(self, cubic):
+        dx, u, y, _ = cubic
+        (held,) = dx.held_out_.itertuples()
+        assert round(0.8 * len(u)) <= held.start < held.scored_from < held.stop == len(u)
+        spread = np.std(y[held.start :])
+        np.testing.assert_allclose(dx.scores_["nrmse"] * spread, dx.scores_["rmse"], rtol=1e-6)
+        assert dx.scores_.loc["augmented", "rmse"] > 0.9 * 0.02 * y.std()
+
+    def test_a_record_too_short_to_hold_anything_out_says_so(self):
+        u, y, _ = record("cubic_stiffness", n=60)
+        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"]).fit(u, y)
+        assert dx.held_out_.empty == dx.scores_.empty
+
+
 class TestFindings:
     def test_values_intervals_and_units_are_those_of_the_truth(self, cubic):
         dx, _, _, _ = cubic

@@ -65,7 +65,7 @@ def followed(
 def _lagged(words: str, values: np.ndarray, before, late: int) -> Iterator[Followed]:
     centred = values - values.mean()
     size = centred.std()
-    for lag in sorted({max(lag, late) for lag in before}):
+    for lag in sorted({max(lag, late) for lag in before if lag < centred.size}):
         shifted = np.zeros_like(centred)
         shifted[lag:] = centred[: centred.size - lag]
         ago = f" {lag} sample{'s' * (lag > 1)} before" * (lag > 0)

@@ -101,6 +101,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     scores_ : DataFrame
         Held-out free run of the nominal, refitted and augmented simulation: ``nrmse``, ``rmse``, ``removed``
         (share of the refitted error taken away), with intervals.
+    held_out_ : DataFrame
+        Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle
+        the initial state), ``stop``.
     parameters_ : DataFrame
         The simulator's parameters: nominal, refitted, augmented, with intervals and units.
     simulator_ : Simulator
@@ -530,6 +533,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not long_enough:
             n_init = 4 * (len(self.simulator_.states) + 1)
             long_enough = _longer_than(2 * n_init, held_out)
+        rows = [(piece.start, piece.start + n_init, piece.stop) for piece, _ in long_enough]
+        self.held_out_ = pd.DataFrame(rows, columns=["start", "scored_from", "stop"], dtype=int)
         if not long_enough:
             return pd.DataFrame()
         guesses = {
