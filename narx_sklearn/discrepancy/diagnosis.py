@@ -45,7 +45,6 @@ from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
 
 UNEXPLAINED = 0.1  # share of what could be explained that named effects may leave to anything else
-REFUTES = 0.01  # the same, to a curve where they act: then it is their form that is wrong
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
@@ -53,7 +52,7 @@ FOLLOWS = 0.3  # share of an output's spread that the residual of long windows m
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 AGAIN = 2  # diagnoses after the first, for the same reason
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
-FORM = 0.05  # share of what an effect explains that its idealised form may leave
+FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
@@ -428,7 +427,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Le
     to_explain = taken_off + leftover.gain
     if leftover.p_value <= (SUSPECT if several else alpha) and leftover.gain > UNEXPLAINED * to_explain:
         return "unknown"
-    if leftover.p_value <= alpha and leftover.of_form and leftover.gain > REFUTES * to_explain:
+    if leftover.p_value <= alpha and leftover.of_form and leftover.gain > FORM * to_explain:
         return "unknown"
     if unnamed is not None and is_a_change(unnamed, best):
         return "unknown"  # a parameter of the simulator's own has changed
