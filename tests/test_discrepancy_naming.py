@@ -570,6 +570,22 @@ def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, ar
     assert argument_told(placed) == argument
 
 
+def test_a_law_of_two_names_keeps_both_however_the_usual_form_of_the_other_fits():
+    problem, start = axis_problem()
+    base = fit(problem, start)
+
+    def candidate(code, weights, theta, port):
+        effect = PlacedEffect(CATALOGUE[code], Port("state", port), weights, theta=theta)
+        return Candidate(fit(problem, base.model._replace(effects=(effect,)), iterations=0), problem.n_seen)
+
+    slips = candidate("prandtl_ishlinskii", (1.0, 0.0), (0.2, 0.5, 0.0), 1)
+    for port, stays in ((1, True), (0, False)):
+        bristle = candidate("presliding_friction", (0.0, 1.0), (0.4, 0.3, 0.02, 0.1, 0.0), port)
+        assert bristle.criterion > slips.criterion + 100
+        found = look_alikes(problem, slips, [bristle], 0.0, {})
+        assert any(c is bristle for c in found) == stays
+
+
 @pytest.mark.parametrize(
     ("p_value", "share", "of_form", "verdict"),
     [

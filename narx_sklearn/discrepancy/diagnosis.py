@@ -1,6 +1,7 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,7 @@ FOLLOWS = 0.3  # share of an output's spread that the residual of long windows m
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 AGAIN = 2  # diagnoses after the first, for the same reason
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
+BENT = 0.01  # the same, that look-alikes acting together may leave to a curve: they were bent to one law
 FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
@@ -161,7 +163,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
     nothing = "refit" if p_moved <= settings.alpha else "consistent"
     named = named or _Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
-    verdict, best, alternatives, unnamed = named
+    verdict, best, alternatives, unnamed, _ = named
     twin_misses_more = _twin_misses_more(problem, refitted, best)
     against_noise: tuple[Sign, ...] = ()
     if not best.effects and steps:
@@ -209,6 +211,7 @@ class _Judgement(NamedTuple):
     best: Candidate
     alternatives: tuple[tuple[Candidate, ...], ...]
     unnamed: Candidate | None
+    stand_in: bool = False  # two look-alikes for a law that is neither
 
 
 def _named(
@@ -226,7 +229,7 @@ def _named(
     best = ranked(problem, converged(problem, best), pool)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1]
-    if found.verdict == "unknown" and len(best.effects) > 1 and singles:
+    if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
         # what goes with it has no name; the effect that explains most may have one
         single = converged(problem, likeliest(singles, refitted.cost))
         alone = _judged(problem, refitted, single, pool, steps, structure, settings)
@@ -250,8 +253,9 @@ def _judged(
     tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
     alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
     unnamed = _unnamed(problem, refitted, best, structure, settings)
+    stand_in = _stand_in(refitted, best, leftover, settings.alpha)
     verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
-    return _Judgement(verdict, best, alternatives, unnamed)
+    return _Judgement("unknown" if stand_in else verdict, best, alternatives, unnamed, stand_in)
 
 
 def _check_finite(problem: Problem, refitted: Fit) -> None:
@@ -416,6 +420,17 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     return _Leftover(
         detection.p_value, max(curve_gain, named_gain) - by_chance, of_form and curve_gain > named_gain
     )
+
+
+def _stand_in(refitted: Fit, best: Candidate, leftover: _Leftover, alpha: float) -> bool:
+    """Tell whether two look-alikes that act together at one port were bent to a law that is neither."""
+    together = any(
+        one.port == other.port and one.effect.code in other.effect.lookalikes
+        for one, other in combinations(best.effects, 2)
+    )
+    to_explain = refitted.cost - best.fit.cost + leftover.gain
+    visible = leftover.p_value <= alpha and leftover.of_form
+    return together and visible and leftover.gain > BENT * to_explain
 
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Leftover, alpha: float) -> str:

@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import Candidate, odd
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import is_a_change
+from narx_sklearn.discrepancy.lookalikes import is_a_change, is_one_law
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -111,7 +111,8 @@ def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
     for candidate in [*pool, *(c for rivals in diagnosis.alternatives for c in rivals)]:
         others = [e for e in candidate.effects if e.place not in kept]
         if len(candidate.effects) == len(best.effects) and len(others) == 1 and others[0].place != place:
-            worse = max(candidate.criterion - best.criterion, 0.0)
+            one_law = is_one_law(best, others[0])
+            worse = 0.0 if one_law else max(candidate.criterion - best.criterion, 0.0)
             code = others[0].effect.code
             weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
     return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())

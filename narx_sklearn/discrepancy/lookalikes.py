@@ -109,6 +109,11 @@ def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:
     return theirs[0] if alike else None
 
 
+def is_one_law(best: Candidate, rival: PlacedEffect) -> bool:
+    """Tell whether a rival's law is that of an effect at the same port, under another name."""
+    return any(rival.effect.code in e.effect.same_law and rival.port == e.port for e in best.effects)
+
+
 def _holds(best: Candidate, other: Candidate) -> bool:
     """Tell whether what stands in another's place becomes it at an edge of its parameters."""
     mine = {e.effect.code for e in best.effects} - {e.effect.code for e in other.effects}
@@ -147,7 +152,8 @@ def look_alikes(
     parameters projected out, with a variance from short blocks.
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
-    worse than a form may be wrong by. One that holds the best as a special case and came to the same run
+    worse than a form may be wrong by; what is the same law under another name stays however its form fits.
+    One that holds the best as a special case and came to the same run
     stays if it fits as well with an ordinary shape, far from that special case.
 
     Parameters
@@ -173,7 +179,7 @@ def look_alikes(
                 problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
             )
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
-        elif behind <= HARDLY or (declared and worse <= tolerated):
+        elif behind <= HARDLY or (declared and (worse <= tolerated or is_one_law(best, declared))):
             stays = True
         elif behind > CERTAIN or (extra > 0 and -worse < DEARER * extra * unit):
             stays = False

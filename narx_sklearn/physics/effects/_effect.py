@@ -98,6 +98,8 @@ class Effect:
         Codes it is easily confused with.
     holds : tuple of str
         Codes of the effects that it becomes at an edge of its parameters.
+    same_law : tuple of str
+        Codes of the effects whose law it is too, under the name that it has in other machines.
     separate_by : str
         The excitation that tells it apart.
     source : str
@@ -148,6 +150,7 @@ class Effect:
     onward: bool = False
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
+    same_law: tuple[str, ...] = ()
     separate_by: str = ""
     source: str = ""
     phi: Any = None

@@ -228,6 +228,7 @@ HYSTERESIS = (
         jumps=True,
         lookalikes=("bouc_wen_hysteresis", "backlash", "presliding_friction", "creep"),
         holds=("backlash",),
+        same_law=("presliding_friction",),  # of many slip elements (Lampaert, Al-Bender and Swevers 2003)
         separate_by="first-order reversal curves",
         source="Kuhnen 2003, Eur. J. Control 9(4), sec. 2; Visintin 1994, Differential Models of Hysteresis",
         phi=_prandtl_ishlinskii_phi,
