@@ -169,3 +169,11 @@ def test_what_a_load_gains_on_noise_that_drifts_is_chi_squared():
         loaded = fit(problem, base.model._replace(effects=(LOAD,)))
         gained.append(deviance(problem, base.model) - deviance(problem, loaded.model))
     assert np.mean(np.array(gained) > 6.63) < 0.1  # a hundredth, if all is counted
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_below_the_noise_take_nothing_from_a_drift(seed):
+    problem, found = fitted(walking(np.random.default_rng(seed), 1500), n_windows=15, seed=seed)
+    steps = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.002,))
+    stepped = found.model._replace(effects=(steps,))
+    assert deviance(problem, stepped) == pytest.approx(deviance(problem, found.model), abs=8.0)

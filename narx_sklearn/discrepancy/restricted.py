@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 
 COLOUR = 2.0  # price of a coefficient of the noise, that of Akaike (1974): a dearer one leaves a faint colour
+STEPPED = {"quantisation"}  # effects through which a small change comes as it is, on the whole, or not at all
 UNFELT = 1e-6  # least information on a contrast, of that on the one that is felt most
 GRID = 9  # paces of a drift that are tried, evenly in the logarithm
 FINE = 0.05  # to which that logarithm is then found
@@ -76,10 +77,15 @@ class Contrasts:
 
     @classmethod
     def of(cls, problem: Problem, model: Model) -> "Contrasts":
-        """Linearise a model about its run; outputs are counted in what they jitter by."""
+        """Linearise a model about its run; outputs are counted in what they jitter by.
+
+        The responses are those without the steps of a converter: differences through these are steps too, of
+        which drifting noise has none, so states and parameters would seem to take up little of it.
+        """
         unit = _jitter(problem)
         plain = problem.with_noise(Noise.white(unit))
-        at = fit(plain, model, iterations=0)
+        smooth = tuple(effect for effect in model.effects if effect.effect.code not in STEPPED)
+        at = fit(plain, model._replace(effects=smooth), iterations=0)
         own = _orthonormal(at.jacobian[:, :, : model.p.size])
         others = _normalised(at.jacobian[:, :, model.p.size :])
         rest = np.nan_to_num(plain.residual(plain.run(model)))[:, :, None]
