@@ -35,6 +35,14 @@ def chance_of_noise(gained: float, n_tried: float, n_values: float, n_felt: int 
     return float(np.exp(min(0.0, log_tried + chi2.logsf(max(gained, 0.0), n_felt))))
 
 
+def n_shapes(effect: PlacedEffect, problem: Problem) -> float:
+    """Return how many shapes of an effect the samples can tell apart.
+
+    Of each fitted parameter but its size n samples tell about the square root of n values.
+    """
+    return problem.n_seen ** (0.5 * (effect.n_theta - 1))
+
+
 def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool, ...]:
     """Return whether noise may drift, of each kind of noise to which an effect must be preferred.
 

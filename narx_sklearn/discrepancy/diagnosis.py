@@ -8,7 +8,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance
+from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import (
     FINE,
     ODD,
@@ -53,8 +53,8 @@ FOLLOWS = 0.3  # share of an output's spread that the residual of long windows m
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 AGAIN = 2  # diagnoses after the first, for the same reason
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
-BENT = 0.01  # the same, that look-alikes acting together may leave to a curve: they were bent to one law
 FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
+BENT = 0.01  # the same, of look-alikes that act together: those leaving more were bent to one law
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
@@ -383,8 +383,7 @@ def _explains(
 ) -> bool:
     """Tell whether a curve takes off more than noise of any colour would let it, and leaves noise."""
     gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
-    shapes = problem.n_seen ** (0.5 * (curve.effects[0].n_theta - 1))
-    if chance_of_noise(gained, 1, shapes) > SUSPECT:
+    if chance_of_noise(gained, 1, n_shapes(curve.effects[0], problem)) > SUSPECT:
         return False
     rest = look_at_remainder(problem, curve.fit.model, structure, settings.random_state)
     return rest.p_value > SHARE * settings.alpha
@@ -396,6 +395,10 @@ class _Leftover(NamedTuple):
     p_value: float
     gain: float  # what that would take, beyond what it takes off pure noise
     of_form: bool = False  # told by a curve without a name, in an equation in which a named effect acts
+
+    def refutes(self, taken_off: float, share: float, alpha: float) -> bool:
+        """Tell whether it shows that a form is wrong: it is more than a share of what could be explained."""
+        return self.of_form and self.p_value <= alpha and self.gain > share * (taken_off + self.gain)
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings) -> _Leftover:
@@ -428,9 +431,7 @@ def _stand_in(refitted: Fit, best: Candidate, leftover: _Leftover, alpha: float)
         one.port == other.port and one.effect.code in other.effect.lookalikes
         for one, other in combinations(best.effects, 2)
     )
-    to_explain = refitted.cost - best.fit.cost + leftover.gain
-    visible = leftover.p_value <= alpha and leftover.of_form
-    return together and visible and leftover.gain > BENT * to_explain
+    return together and leftover.refutes(refitted.cost - best.fit.cost, BENT, alpha)
 
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Leftover, alpha: float) -> str:
@@ -442,7 +443,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Le
     to_explain = taken_off + leftover.gain
     if leftover.p_value <= (SUSPECT if several else alpha) and leftover.gain > UNEXPLAINED * to_explain:
         return "unknown"
-    if leftover.p_value <= alpha and leftover.of_form and leftover.gain > FORM * to_explain:
+    if leftover.refutes(taken_off, FORM, alpha):
         return "unknown"
     if unnamed is not None and is_a_change(unnamed, best):
         return "unknown"  # a parameter of the simulator's own has changed

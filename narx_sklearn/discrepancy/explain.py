@@ -9,7 +9,14 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import OFFSET, chance_of_noise, deviance, is_slow, noises_against
+from narx_sklearn.discrepancy.confirm import (
+    OFFSET,
+    chance_of_noise,
+    deviance,
+    is_slow,
+    n_shapes,
+    noises_against,
+)
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -350,13 +357,13 @@ def _chance(
 ) -> float:
     """Return the chance that noise gains as much, the less of two bounds.
 
-    One counts hypotheses, and how many values of an effect's parameters n samples can tell apart: about the
-    square root of n each. The other counts the independent directions of the bank's columns, with as many
-    degrees of freedom as parameters are felt; it holds where the columns did not look at the residual.
+    One counts hypotheses, and the shapes of an effect that the samples can tell apart. The other counts the
+    independent directions of the bank's columns, with as many degrees of freedom as parameters are felt; it
+    holds where the columns did not look at the residual.
     """
     effect = candidate.effects[-1]
     own = [h for h in bank.hypotheses if h.placed.place == effect.place]
-    n_values = max([problem.n_seen ** (0.5 * (effect.n_theta - 1)), *(np.max(h.tried) for h in own)])
+    n_values = max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
     by_values = chance_of_noise(gained, len(bank.hypotheses), n_values)
     if not own or any(h.tuned.any() for h in own):
         return by_values

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.coloured_search import CERTAIN, converged, hypotheses_of, pool_of
-from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance
+from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import (
     FINE,
     HARDLY,
@@ -96,8 +96,8 @@ def search_in_spans(
     value = deviance(found.problem, best.fit.model)
     gained = deviance(problem, refitted.model) - value
     n_spans = MOST_BLOCKS**2 / 2  # by their ends
-    n_shapes = problem.n_seen ** (0.5 * (best.effects[0].n_theta - 1)) * n_spans
-    chance = chance_of_noise(gained, len(found.bank.hypotheses), n_shapes)
+    n_values = n_shapes(best.effects[0], problem) * n_spans
+    chance = chance_of_noise(gained, len(found.bank.hypotheses), n_values)
     if chance > SHARE * settings.alpha:
         return None
     to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
@@ -189,14 +189,15 @@ def _found_in(
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
     time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
-    quiet = problem.seen & ~within(span, time)[:, :, None]
+    acting = problem.inside & within(span, time)
+    quiet = problem.seen & ~acting[:, :, None]
     if quiet.sum() < (1 - MOST) * problem.seen.sum():
         return None
     left = np.where(quiet, problem.left_over(base), 0.0)
     own = problem.with_noise(estimate_noise(left, quiet))
     start = _with_initial_states(own, base)
     rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
-    if rival is not None and _left_outside(span, own, start) > rival:
+    if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
         return None
     hypotheses = [
         h._replace(placed=replace(h.placed, during=span))
@@ -214,13 +215,12 @@ def _found_in(
     return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
 
 
-def _left_outside(span: Span, problem: Problem, start: Fit) -> float:
-    """Return the cost of the windows that nothing in a span touches, the parameters fitted to them alone.
+def _left_outside(touched: np.ndarray, start: Fit) -> float:
+    """Return the cost of the windows that nothing in a span touched, the parameters fitted to them alone.
 
     No effect that acts in the span only leaves less.
     """
-    time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
-    outside = ~(problem.inside & within(span, time)).any(axis=1)
+    outside = ~touched
     if not outside.any():
         return 0.0
     residual = start.residual[outside][:, :, None]
