@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.locate import features, regions
+from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
 from narx_sklearn.discrepancy.location import _slope
 from narx_sklearn.discrepancy.noise import Noise
@@ -176,6 +176,13 @@ def test_what_is_often_nothing_has_its_region_where_it_is_anything():
     assert (condition.feature, condition.high) == ("level [cm]", np.inf)
     assert condition.low == pytest.approx(7.5, abs=0.01)
     assert rule["share"] == pytest.approx(1.0)
+
+
+def test_what_acts_for_a_few_samples_only_has_a_region_too():
+    level, _, table = walk(40)
+    (rule,) = regions(np.maximum(level - 7.5, 0.0), table, noise_free=True).to_dict("records")
+    assert [condition.feature for condition in rule["conditions"]] == ["level [cm]"]
+    assert inside(rule["conditions"], table).tolist() == (level > 7.5).tolist()
 
 
 def test_a_range_of_a_signal_is_told_by_its_bounds_not_by_distances():

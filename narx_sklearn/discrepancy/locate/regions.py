@@ -19,6 +19,7 @@ WORTH = 0.05  # of the variance, that a division must take off where there is no
 FEWEST = 3  # samples of a leaf where there is no noise
 TRAINING_SAMPLES = 20_000
 N_WINDOWS = 60  # every second one makes the rules, the others judge them
+SHORTEST = 5  # samples of such a window
 N_SHUFFLES = 1999
 LEVEL = 0.01
 N_EDGES = 60  # places tried for the beginning of a mismatch that grows
@@ -140,7 +141,7 @@ def regions(
     known = np.isfinite(energy) & np.isfinite(table.to_numpy(dtype=float)).all(axis=1)
     samples = np.flatnonzero(known)
     length = samples.size // N_WINDOWS
-    if length < 5 or not energy[samples].sum() > 0:
+    if (length < SHORTEST and not noise_free) or not energy[samples].sum() > 0:
         return pd.DataFrame(columns=columns)
     energy, table = energy[samples], table.iloc[samples]
     least = 0.1 * np.median(energy) if floor is None else np.broadcast_to(floor, known.shape)[samples]
@@ -148,7 +149,7 @@ def regions(
     there = energy > np.maximum(0.0 if floor is None else least, NOTHING**2 * energy.max())
     if noise_free and np.mean(~there) >= OFTEN:
         level = there.astype(float)
-    made = noise_free | ((np.arange(samples.size) // length) % 2 == 0)
+    made = noise_free | ((np.arange(samples.size) // max(1, length)) % 2 == 0)
     size = np.sqrt(energy[made])
     smallest = FEWEST if noise_free else SMALLEST_LEAF
     rules = _rules(table[made], level[made], smallest, WORTH if noise_free else 0.0)
