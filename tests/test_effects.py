@@ -461,6 +461,18 @@ class TestRuns:
         peaks = np.abs(np.concatenate([[0.2], y[turns[:4]]]))
         np.testing.assert_allclose(-np.diff(peaks), 2 * friction / k, rtol=5e-3)
 
+    def test_friction_that_a_load_turns_about_in_passing_changes_sign_within_the_step(self):
+        u = np.column_stack([20 * wideband(), np.zeros(1200)])
+        coarse, fine = (
+            mass(substeps=substeps, dt=0.02)
+            .with_effects([placed_on_mass(CATALOGUE["coulomb_friction"], [0.3])])
+            .simulate(u)[:, 0]
+            for substeps in (1, 64)
+        )
+        without = mass(dt=0.02).simulate(u)[:, 0]
+        # a sign that changes at the next stage leaves a hundredth and more of what friction does
+        assert _size(coarse - fine) < 0.003 * _size(without - fine)
+
     @pytest.mark.parametrize("d", [1e-12, 1e-4, 1e-2])
     def test_presliding_friction_never_stiffens_the_run(self, oscillator, d):
         effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01])

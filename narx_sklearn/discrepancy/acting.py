@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
 from narx_sklearn.discrepancy.linearise import evaluate
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
@@ -17,7 +17,7 @@ def state_forces(
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return (argument, force) of each effect at a state equation, by its index, at some samples of a run.
 
-    Evaluated as the simulators' kernel does: in order, each on top of those before it.
+    Evaluated as the simulators' kernel does: in turn, each on top of those before it.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def state_forces(
     rows : ndarray of shape (n_points,)
         Samples inside the windows, where the run is finite.
     """
-    acting = [(i, e) for i, e in enumerate(simulator.effects) if e.port.kind == "state"]
+    acting = [(i, simulator.effects[i]) for i in in_turn(simulator.effects)]
     functions = [compiled_force(placed.effect.force) for _, placed in acting]
     thetas = np.zeros((len(acting), MAX_THETA))
     for theta, (_, placed) in zip(thetas, acting, strict=True):
@@ -45,6 +45,9 @@ def state_forces(
             driving = np.nan if second is None else second[0]
             arguments[e, at], rate = weights @ x, weights @ change
             own = slope[port] - (x[port] if simulator.discrete else 0.0)
+            step = _step(placed, simulator)
+            if placed.answer and not placed.inertial:
+                own, step = weights @ slope / placed.answer, step * placed.answer
             if placed.inertial:
                 own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
                 driving = own if second is None else driving
@@ -56,7 +59,7 @@ def state_forces(
                 own,
                 driving,
                 age * simulator.dt,
-                _step(placed, simulator),
+                step,
                 run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
                 thetas[e],
                 np.zeros(MAX_MEMORY),

@@ -125,7 +125,8 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
 
 def parameter_names(placed: PlacedEffect) -> list[str]:
     """Return the names of the effect's parameters, the share that goes on included."""
-    return [p.name for p in placed.effect.parameters] + ["share_onward"] * (placed.onward >= 0)
+    last = "reaction_ratio" if placed.reacts else "share_onward"
+    return [p.name for p in placed.effect.parameters] + [last] * (placed.onward >= 0)
 
 
 def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
@@ -141,7 +142,9 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
     words = port_in_words(placed.port, simulator)
-    if placed.onward >= 0:
+    if placed.reacts:
+        words += f", and back in that of {simulator.states[placed.onward].name}"
+    elif placed.onward >= 0:
         words += f", going on to {simulator.states[placed.onward].name}"
     return words
 

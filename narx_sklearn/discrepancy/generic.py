@@ -5,11 +5,13 @@ and rate wherever something moves. When one explains clearly more than any of th
 has no name here, and its curve is already drawn.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numba import njit
 
-from narx_sklearn.discrepancy.hypotheses import Hypothesis, _arguments
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.hypotheses import Argument, Hypothesis, arguments, placed_at
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, EffectParameter
@@ -77,49 +79,49 @@ def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothes
     """
     return [
         *(
-            _line(Port("input", i), (), simulator.inputs[i], "-")
+            _line(Port("input", i), Argument((), *simulator.inputs[i]), "-")
             for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist()
         ),
         *(
-            _line(Port("state", i), weights, signal, "{port}/({arg})")
+            _line(Port("state", i), argument, "{port}/({arg})")
             for i in np.flatnonzero(~structure.kinematic).tolist()
-            for weights, signal in _moving(i, simulator, structure)
+            for argument in _moving(i, simulator, structure)
         ),
     ]
 
 
-def _line(port: Port, weights, signal, unit: str) -> Hypothesis:
-    return _unnamed(LINE, "k x", ["k"], (), _proportional, port, weights, signal, unit)
+def _line(port: Port, argument: Argument, unit: str) -> Hypothesis:
+    return _unnamed(LINE, "k x", ["k"], (), _proportional, port, argument, unit)
 
 
-def _moving(i: int, simulator: Simulator, structure: Structure):
-    """Yield (weights, (name, unit)) of all that a force in state equation ``i`` may depend on, each once."""
+def _moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
+    """Yield all that a force in state equation ``i`` may depend on, each once."""
     seen = set()
     for kind in ("own", "position", "any"):
-        for weights, name, unit in _arguments(kind, i, simulator, structure):
-            if weights not in seen:
-                seen.add(weights)
-                yield weights, (name, unit)
+        for argument in arguments(kind, i, simulator, structure):
+            if argument.weights not in seen:
+                seen.add(argument.weights)
+                yield argument
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
     """Return an unnamed curve for each port and argument, its knots spread over what the run visits."""
     found = []
     for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-        found.append(_at(Port("input", int(i)), (), simulator.inputs[i], u[:, i]))
+        found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
     for i, signal in enumerate(simulator.outputs):
-        found.append(_at(Port("output", i), (), signal, y[:, i]))
+        found.append(_at(Port("output", i), Argument((), *signal), y[:, i]))
     for i in np.flatnonzero(~structure.kinematic).tolist():
-        for weights, signal in _moving(i, simulator, structure):
-            found.append(_at(Port("state", i), weights, signal, x @ np.array(weights)))
+        port = Port("state", i)
+        for argument in _moving(i, simulator, structure):
+            found.append(_at(port, argument, x @ np.array(argument.weights)))
         if structure.partner[i] >= 0:
-            for weights, name, unit in _arguments("position", int(i), simulator, structure):
-                position = x @ np.array(weights)
-                found.append(_of_motion(Port("state", int(i)), weights, (name, unit), position, simulator.dt))
+            for argument in arguments("position", i, simulator, structure):
+                found.append(_of_motion(port, argument, x @ np.array(argument.weights), simulator.dt))
     return [hypothesis for hypothesis in found if hypothesis is not None]
 
 
-def _at(port: Port, weights, signal, values) -> Hypothesis | None:
+def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:
     values = values[np.isfinite(values)]
     if values.size == 0 or np.ptp(values) <= 0:
         return None
@@ -128,10 +130,10 @@ def _at(port: Port, weights, signal, values) -> Hypothesis | None:
         return None
     fixed = (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
     names = [f"f{i + 1}" for i in range(KNOTS)]
-    return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, weights, signal)
+    return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, argument)
 
 
-def _of_motion(port: Port, weights, signal, position, dt: float) -> Hypothesis | None:
+def _of_motion(port: Port, argument: Argument, position: np.ndarray, dt: float) -> Hypothesis | None:
     speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
     sizes = np.ptp(position) / 2, np.quantile(speed, 0.98) if speed.size else 0.0
     if not min(sizes) > 0:
@@ -141,11 +143,11 @@ def _of_motion(port: Port, weights, signal, position, dt: float) -> Hypothesis |
         for name, unit, size in zip(("size of x", "size of v"), ("{arg}", "{arg}/s"), sizes, strict=True)
     )
     equation = "f(x, v), of second and third degree"
-    return _unnamed(SURFACE, equation, MONOMIALS, fixed, _surface, port, weights, signal)
+    return _unnamed(SURFACE, equation, MONOMIALS, fixed, _surface, port, argument)
 
 
 def _unnamed(
-    code: str, equation: str, names, fixed, force, port: Port, weights, signal, unit: str = "{port}"
+    code: str, equation: str, names, fixed, force, port: Port, argument: Argument, unit: str = "{port}"
 ) -> Hypothesis:
     """Return the hypothesis of a force that is linear in its named coefficients; others are fixed."""
     n = len(names)
@@ -161,18 +163,11 @@ def _unnamed(
         transform=transforms.get(code),
         amplitude=None,
     )
-    scale = [parameter.lower for parameter in fixed]
+    placed = placed_at(effect, port, argument)
+    scale = [parameter.lower for parameter in fixed] + [placed.share] * placed.reacts
     starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
-    placed = PlacedEffect(
-        effect,
-        port,
-        weights,
-        theta=tuple(np.r_[np.zeros(n), scale]),
-        argument_name=signal[0],
-        argument_unit=signal[1],
-    )
     none = np.zeros(len(starts))
-    return Hypothesis(placed, starts, none.astype(bool), none)
+    return Hypothesis(placed.at(np.r_[np.zeros(n), scale]), starts, none.astype(bool), none)
 
 
 def _none(setting):

@@ -1,6 +1,6 @@
 """Every effect at every place where it could act: the bank of hypotheses."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator
+from narx_sklearn.discrepancy.simulator import Run, Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
@@ -101,7 +101,7 @@ def _starts(effect: Effect, setting: Setting, placed: PlacedEffect) -> np.ndarra
     if starts.size == 0:
         return np.empty((0, placed.n_theta))
     if placed.onward >= 0:
-        starts = np.column_stack([starts, np.full(len(starts), 0.5)])
+        starts = np.column_stack([starts, np.full(len(starts), placed.share)])
     return starts[np.all(np.isfinite(starts), axis=1)]
 
 
@@ -118,23 +118,20 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     places = []
     if "input" in effect.ports:
         for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-            places.append(_at_signal(effect, Port("input", i), simulator.inputs[i]))
+            places.append(placed_at(effect, Port("input", i), Argument((), *simulator.inputs[i])))
     if "output" in effect.ports:
         for i, signal in enumerate(simulator.outputs):
-            places.append(_at_signal(effect, Port("output", i), signal))
+            places.append(placed_at(effect, Port("output", i), Argument((), *signal)))
     if "state" in effect.ports:
         for i in np.flatnonzero(~structure.kinematic).tolist():
             if effect.code in LEVELS_ONLY and structure.partner[i] >= 0:
                 continue
             odd = _is_odd(effect, i, simulator, structure)
-            for weights, name, unit in _arguments(effect.argument, i, simulator, structure):
+            for argument in arguments(effect.argument, i, simulator, structure):
+                unit = argument.unit
                 if unit and effect.argument_units and unit not in effect.argument_units:
                     continue
-                places.append(
-                    PlacedEffect(
-                        effect, Port("state", i), weights, argument_name=name, argument_unit=unit, odd=odd
-                    )
-                )
+                places.append(replace(placed_at(effect, Port("state", i), argument), odd=odd))
             if simulator.discrete and effect.argument == "own" and effect.code in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
     return [
@@ -143,10 +140,6 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, structure)
     ]
-
-
-def _at_signal(effect: Effect, port: Port, signal: Signal) -> PlacedEffect:
-    return PlacedEffect(effect, port, argument_name=signal.name, argument_unit=signal.unit)
 
 
 def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Structure):
@@ -217,28 +210,65 @@ def _neighbours(i: int, simulator: Simulator, structure: Structure):
 
 def _onward(placed: PlacedEffect, structure: Structure) -> list[int]:
     if not placed.effect.onward or placed.port.kind != "state":
-        return [-1]
+        return [placed.onward]
     i = placed.port.index
     fed = [j for j in range(structure.kinematic.size) if j != i and structure.states[j, i]]
     return [-1, *(j for j in fed if not structure.kinematic[j])]
 
 
-def _arguments(kind: str, i: int, simulator: Simulator, structure: Structure):
-    """Yield (weights, name, unit) of what a force in state equation ``i`` may depend on."""
+class Argument(NamedTuple):
+    """What a force in a state equation may depend on."""
+
+    weights: tuple[float, ...]  # of the states; empty for the signal at an input or output
+    name: str
+    unit: str
+    pushed_back: int = -1  # the equation of a neighbour that the force acts against, if it lies between two
+    ratio: float = 0.0  # in which the simulator's own coupling pushes that one back
+
+
+def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
+    """Yield what a force in state equation ``i`` may depend on.
+
+    What acts between two neighbours is told at the one that it moves more.
+    """
     n = len(simulator.states)
     partner = structure.partner[i]
     if kind == "none":
-        yield _weights(n, {i: 1.0}), *simulator.states[i]
+        yield Argument(_weights(n, {i: 1.0}), *simulator.states[i])
         return
     if kind == "any":
         for j in range(n):
             if not (structure.kinematic[j] and simulator.discrete):
-                yield _weights(n, {j: 1.0}), *simulator.states[j]
+                yield Argument(_weights(n, {j: 1.0}), *simulator.states[j])
         return
     own = i if kind == "own" or partner < 0 else partner
-    yield _weights(n, {own: 1.0}), *simulator.states[own]
+    yield Argument(_weights(n, {own: 1.0}), *simulator.states[own])
     for j in _opposed(i, own, simulator, structure):
-        yield _stretch(own, j, simulator)
+        back, ratio = _pushed_back(i, own, j, structure)
+        if back < 0:
+            yield Argument(*_stretch(own, j, simulator))
+        elif (ratio, i) < (1.0, back) or own not in _opposed(back, j, simulator, structure):
+            yield Argument(*_stretch(own, j, simulator), back, ratio)
+
+
+def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
+    """Return an effect at a port, pushing back where it lies between two neighbours."""
+    weights, name, unit, back, ratio = argument
+    at = PlacedEffect(effect, port, weights, argument_name=name, argument_unit=unit)
+    return at if back < 0 else replace(at, onward=back, share=ratio)
+
+
+def _pushed_back(i: int, own: int, j: int, structure: Structure) -> tuple[int, float]:
+    """Return the equation in which neighbour ``j`` feels state ``own`` of equation ``i``, and how much more.
+
+    What couples two bodies acts on both, in the ratio of their inertias; so does what flows between stores.
+    -1 where the neighbour does not feel it.
+    """
+    back = j if own == i else next((k for k, of in enumerate(structure.partner) if of == j), -1)
+    if back < 0 or not structure.states[back, own]:
+        return -1, 0.0
+    ratio = structure.slope[back, own] / structure.slope[i, j]
+    return (back, float(ratio)) if ratio > 0 else (-1, 0.0)
 
 
 def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> list[int]:
@@ -250,7 +280,7 @@ def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> li
         for j in np.flatnonzero(structure.states[i]).tolist()
         if j != own
         and structure.kinematic[j] == structure.kinematic[own]
-        and structure.sign[i, j] == -structure.sign[i, own]
+        and structure.slope[i, j] * structure.slope[i, own] < 0
         and simulator.states[j].unit == simulator.states[own].unit
     ]
 

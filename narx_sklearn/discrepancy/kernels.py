@@ -162,6 +162,7 @@ def _simulate_windows(
     port,
     onward,
     weights,
+    answer,
     seconds,
     strength,
     theta,
@@ -196,8 +197,10 @@ def _simulate_windows(
     rows where inputs are constant there. A force that acts `after` the step too is a hard limit: within the
     step it acts at once where the limit has been reached, and then on the mean rate of the whole step, so
     that it is met exactly. An `inertial` force accelerates a map's signal, on whose rate it depends; where
-    nothing else is its second argument, that is the acceleration without it. Each acts in the steps that
-    start between its times `begins` and `ends`, counted from where the session began.
+    nothing else is its second argument, that is the acceleration without it. Where a force's argument is how
+    fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
+    what brings them to rest holds their acceleration against each other, over the answer. Each acts in the
+    steps that start between its times `begins` and `ends`, counted from where the session began.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -292,6 +295,11 @@ def _simulate_windows(
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
                         within = own_step[e] * (AT_ONCE if after[e] else 1.0)
+                        if answer[e] != 0.0:
+                            own = 0.0
+                            for i in range(n_states):
+                                own += weights[e, i] * slope[r, i] / answer[e]
+                            within *= answer[e]
                         if inertial[e]:
                             own = rate + weights[e, port[e]] * (slope[r, port[e]] - nominal[port[e]]) / dt
                             other = own if np.isnan(other) else other
@@ -385,7 +393,9 @@ def simulate_windows():
         INTEGERS,
         types.int64,
         *[INTEGERS] * 2,
-        *[MATRIX] * 2,
+        MATRIX,
+        VECTOR,
+        MATRIX,
         VECTOR,
         MATRIX,
         INTEGERS,

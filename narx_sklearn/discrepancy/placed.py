@@ -1,6 +1,6 @@
 """Effects at their place: a port of a simulator, with arguments and parameter values."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,13 +37,16 @@ class PlacedEffect:
         The second argument as a weighted sum of the inputs and then the states; empty for none. At an input
         or output port the inputs alone count.
     onward : int
-        State equation to which a share goes on; -1 for none.
+        State equation to which a share goes on, or that is pushed back; -1 for none.
     theta : tuple of float
-        Parameters of the effect, and last the share that goes on where ``onward`` names an equation.
+        Parameters of the effect, and last the share that goes on, or the ratio in which it pushes back, where
+        ``onward`` names an equation.
     argument_name, argument_unit : str
         How the argument is called and its unit.
     second_name, second_unit : str
         How the second argument is called and its unit.
+    share : float
+        From which the search for the share, or the ratio, begins.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.
@@ -63,6 +66,7 @@ class PlacedEffect:
     argument_unit: str = ""
     second_name: str = ""
     second_unit: str = ""
+    share: float = 0.5
     inertial: bool = False
     odd: bool = False
     during: tuple[float, float] = ALWAYS
@@ -93,7 +97,22 @@ class PlacedEffect:
     def bounds(self) -> np.ndarray:
         """Lower and upper bounds of ``theta``, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
-        return np.array(limits + [(0.0, 1.0)] * (self.onward >= 0), dtype=float).reshape(-1, 2)
+        if self.onward >= 0:
+            limits.append((0.0, np.inf if self.reacts else 1.0))
+        return np.array(limits, dtype=float).reshape(-1, 2)
+
+    @property
+    def reacts(self) -> bool:
+        """Whether it acts between two neighbours, so that it pushes the other one back."""
+        return self.onward >= 0 and not self.effect.onward
+
+    @property
+    def answer(self) -> float:
+        """How fast the force changes its argument, if that is how fast two neighbours part; else 0."""
+        if self.port.kind != "state" or np.count_nonzero(self.weights) < 2:
+            return 0.0
+        own = self.weights[self.port.index]
+        return own - self.theta[-1] * self.weights[self.onward] if own and self.onward >= 0 else own
 
     def added(self, dt: float) -> float:
         """Return how much of its force is added to the port in one evaluation."""
@@ -117,6 +136,12 @@ class PlacedEffect:
 def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
     """Tell which times lie in a span, its beginning included, its end not."""
     return (during[0] <= time) & (time < during[1])
+
+
+def in_turn(effects: Sequence[PlacedEffect]) -> list[int]:
+    """Return which effects act at state equations, in the order in which a run asks them."""
+    acting = [i for i, placed in enumerate(effects) if placed.port.kind == "state"]
+    return sorted(acting, key=lambda i: effects[i].effect.last)
 
 
 def in_short(effects: Iterable[PlacedEffect]) -> str:

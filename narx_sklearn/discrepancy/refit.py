@@ -12,6 +12,7 @@ SMALL = 1e-4  # relative step of the difference quotients: above the roughness o
 ITERATIONS = 25
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
+SHARES = (0.25, 0.0625, 0.0)  # of a step, that the states of windows take which a whole one makes worse
 
 
 class Fit(NamedTuple):
@@ -149,10 +150,14 @@ def fit(
             x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
             trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
             if attempt >= GIVE_UP and not trial.cost < cost:
-                # where friction holds, a state's sensitivity says nothing: such windows keep the old one
-                worse = ~(_by_window(trial.residual) <= _by_window(residual))
-                x0 = np.where(worse[:, None], model.x0, x0)
-                trial = _attempt(problem, trial.model._replace(x0=x0))
+                # where friction holds or turns about, a state's sensitivity says little of a whole step
+                for share in SHARES:
+                    worse = ~(_by_window(trial.residual) <= _by_window(residual))
+                    if not worse.any():
+                        break
+                    moved = model.x0 + share * (x0 - model.x0)
+                    moved = np.where(worse[:, None], moved, trial.model.x0)
+                    trial = _attempt(problem, trial.model._replace(x0=moved))
             if trial.cost < cost:
                 model, run, residual, cost = trial
                 damping = max(damping / 9, 1e-9)

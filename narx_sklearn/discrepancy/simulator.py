@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.kernels import (
     no_force,
     simulate_windows,
 )
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
 from narx_sklearn.exceptions import DivergenceWarning
 
 
@@ -174,7 +174,7 @@ class Simulator(ABC):
         n_samples = u.shape[0]
         y = np.full((n_samples, len(self.outputs)), np.nan)
         x = np.full((n_samples, len(self.states)), np.nan)
-        forces = [(e, s) for e, s in zip(effects, share, strict=True) if e.port.kind == "state"]
+        forces = [(effects[i], share[i]) for i in in_turn(effects)]
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
         equation, output = self._equations()
         p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
@@ -336,14 +336,14 @@ def _slots(forces, n_inputs: int, n_states: int):
     jumps, after, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(3))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
-    strength = np.zeros(MAX_EFFECTS)
+    answer, strength = np.zeros((2, MAX_EFFECTS))
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
         port[i], onward[i] = placed.port.index, placed.onward
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
-        inertial[i] = placed.inertial
+        inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
@@ -354,7 +354,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
     flags = jumps, after, inertial
-    return addresses, n, port, onward, weights, seconds, strength, theta, memory, *flags, begins, ends
+    return addresses, n, port, onward, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:

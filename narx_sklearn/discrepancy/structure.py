@@ -19,7 +19,7 @@ class Structure(NamedTuple):
     partner: tuple[int, ...]  # state -> the state that is its integral, up to a factor; -1 for none
     kinematic: np.ndarray  # (n_states,) bool: a definition (x' = v), where no physics can be missing
     states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
-    sign: np.ndarray  # (n_states, n_states) mean sign of that dependence
+    slope: np.ndarray  # (n_states, n_states) mean of that dependence
     inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
 
     @property
@@ -74,5 +74,5 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
                 partner[int(sources[0])] = i
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
-    sign = np.sign(Jx.mean(axis=0)) if len(Jx) else np.zeros((n, n))
-    return Structure(tuple(partner), kinematic, depends, sign, driven)
+    slope = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
+    return Structure(tuple(partner), kinematic, depends, slope, driven)

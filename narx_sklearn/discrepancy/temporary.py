@@ -90,7 +90,9 @@ def search_in_spans(
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
         return None
-    near = [c for c in found.candidates if c.criterion < found.candidates[0].criterion + IN_REACH]
+    # within ends that are wrong what bends most comes first, so all have theirs roughly settled
+    roughly = _settled_each(found.problem, found.candidates, settings, passes=1)
+    near = [c for c in roughly if c.criterion < roughly[0].criterion + IN_REACH]
     settled = _settled_each(found.problem, near, settings)
     best = settled[0]
     value = deviance(found.problem, best.fit.model)
@@ -106,7 +108,7 @@ def search_in_spans(
     noise, settled = _settled_again(found.problem, settled, value, settings)
     problem = problem.with_noise(noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
-    models += [_in_span(c, settled[0].effects[0].during) for c in found.candidates[len(near) :]]
+    models += [_in_span(c, settled[0].effects[0].during) for c in roughly[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
     return problem, fit(problem, refitted.model), [step]
 
@@ -256,15 +258,17 @@ def _settled_again(
     return noise, settled
 
 
-def _settled_each(problem: Problem, candidates: list[Candidate], settings: Settings) -> list[Candidate]:
+def _settled_each(
+    problem: Problem, candidates: list[Candidate], settings: Settings, passes: int = PASSES
+) -> list[Candidate]:
     """Return effects with the ends of their time settled, best first."""
     settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
-        delayed(_settled)(problem, c) for c in candidates
+        delayed(_settled)(problem, c, passes) for c in candidates
     )
     return sorted(settled, key=lambda c: c.criterion)
 
 
-def _settled(problem: Problem, candidate: Candidate) -> Candidate:
+def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     """Return an effect that acts for a while with the ends of its time where they fit best.
 
     Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
@@ -296,7 +300,7 @@ def _settled(problem: Problem, candidate: Candidate) -> Candidate:
     begins, ends = candidate.effects[0].during
     step = 0.25 * (min(ends, last) - max(begins, first))
     best = candidate
-    for _ in range(PASSES):
+    for _ in range(passes):
         before, best = best, descended(best, step)
         if best is before:
             break

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.windows import cut
 HALF = 0.5  # share of the samples, in the quietest windows, that the parameters are fitted to
 ORDINARY = 3 * 1.4826  # median absolute deviations: windows that are like the quiet ones take part in the end
 FEWEST = 8  # windows, so that half of them can be quiet; longer ones forgive a mismatch less
+PARTS = 4  # of the record, to each of which parameters are fitted to begin with
 STEPS = 5  # of choosing windows and fitting to them, at most
 ITERATIONS = 10
 
@@ -29,7 +30,9 @@ def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
 
     What acts for a while only bends the parameters of a fit to the whole record, and then a bit is left
     everywhere. Least trimmed squares over windows leaves it where it is: parameters are fitted to the windows
-    that fit best, and those are chosen anew, until the choice stands; then to all that fit no worse.
+    that fit best, and those are chosen anew, until the choice stands; then to all that fit no worse. It
+    begins at the refitted parameters, and at those fitted to each quarter of the record alone, one of which
+    the mismatch may have spared; of all ends the one with the quietest half counts.
 
     Parameters
     ----------
@@ -49,21 +52,36 @@ def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
     """
     everything, model = _in_short_windows(problem, refitted)
     lengths = everything.windows.last - everything.windows.first
-    chosen = np.zeros(lengths.size, dtype=bool)
-    for _ in range(STEPS):
-        model, size = _begun_anew(everything, model, lengths)
-        order = np.argsort(size)
-        quiet = np.zeros_like(chosen)
-        quiet[order[: 1 + np.searchsorted(np.cumsum(lengths[order]), HALF * lengths.sum())]] = True
-        if np.array_equal(quiet, chosen):
-            break
-        chosen = quiet
-        model = _fitted_to(everything, model, quiet)
-    model, size = _begun_anew(everything, model, lengths)
+    own = model._replace(p=everything.simulator.nominal)
+    parts = np.arange(lengths.size) * PARTS // lengths.size
+    begun = [model, *(_fitted_to(everything, own, parts == part) for part in range(PARTS))]
+    ends = [_of_the_quieter_half(everything, start, lengths) for start in begun]
+    model, size = min(ends, key=lambda end: end[1] @ (lengths * _quieter_half(end[1], lengths)))
     deviation = size - np.median(size)
     model = _fitted_to(everything, model, deviation <= ORDINARY * np.median(np.abs(deviation)))
     model, _ = _begun_anew(everything, model, lengths)
     return Trimmed(model.p, everything.y - everything.run(model).y)
+
+
+def _of_the_quieter_half(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:
+    """Return a model fitted to the quieter half of the windows, chosen as it goes, and their mean squares."""
+    chosen = np.zeros(lengths.size, dtype=bool)
+    for _ in range(STEPS):
+        model, size = _begun_anew(problem, model, lengths)
+        quiet = _quieter_half(size, lengths)
+        if np.array_equal(quiet, chosen):
+            break
+        chosen = quiet
+        model = _fitted_to(problem, model, quiet)
+    return _begun_anew(problem, model, lengths)
+
+
+def _quieter_half(size: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Tell which windows are the quietest that hold half of the samples."""
+    order = np.argsort(size)
+    quiet = np.zeros(size.size, dtype=bool)
+    quiet[order[: 1 + np.searchsorted(np.cumsum(lengths[order]), HALF * lengths.sum())]] = True
+    return quiet
 
 
 def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:

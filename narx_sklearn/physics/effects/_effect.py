@@ -92,6 +92,9 @@ class Effect:
     after : bool
         Whether it is a hard limit: its force acts within each step, with a ``step`` of next to nothing, and
         then corrects the mean rate of the whole step; it has no states of its own.
+    last : bool
+        Whether its force answers all else that acts in its equation, as what holds a body at rest does, so
+        that it is asked last.
     onward : bool
         Whether what is lost at the port may go on to another state; the share is then a parameter of its own.
     lookalikes : tuple of str
@@ -147,6 +150,7 @@ class Effect:
     n_memory: int = 0
     jumps: bool = False
     after: bool = False
+    last: bool = False
     onward: bool = False
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()

@@ -26,10 +26,13 @@ def _dry(v, own, forward, backward, step):
     """Return the dry friction that opposes a motion v: -forward for v > 0, backward for v < 0.
 
     Where one explicit step of it would reverse the motion, it takes just what stops the motion and balances
-    the load, so that sticking neither chatters, nor creeps, nor stiffens the run.
+    the load, so that sticking neither chatters, nor creeps, nor stiffens the run. A load that it cannot hold
+    turns the motion about in passing: then it changes sign evenly over a step, as the mean of a step does.
     """
-    load = _held(own, forward if own > 0.0 else backward)
-    return -min(max(load + v / step, -backward), forward)
+    limit = forward if own > 0.0 else backward
+    size = abs(own)
+    gentler = 2.0 * limit / size if size > 2.0 * limit else 1.0
+    return -min(max(_held(own, limit) + gentler * v / step, -backward), forward)
 
 
 @kernel
@@ -173,6 +176,7 @@ FRICTION = (
         parameters=(EffectParameter("Fc", "{port}", 0.0),),
         starts=_coulomb_starts,
         force=_coulomb,
+        last=True,
         lookalikes=(
             "viscous_damping",
             "asymmetric_friction",
@@ -194,6 +198,7 @@ FRICTION = (
         parameters=(EffectParameter("Fc", "{port}", 0.0), EffectParameter("a", "-", -1.0, 1.0)),
         starts=_asymmetric_starts,
         force=_asymmetric,
+        last=True,
         lookalikes=("coulomb_friction", "constant_load"),
         holds=("coulomb_friction",),
         separate_by="motion both ways at one speed, at several speeds",
@@ -213,6 +218,7 @@ FRICTION = (
         ),
         starts=_stribeck_starts,
         force=_stribeck,
+        last=True,
         lookalikes=("coulomb_friction", "presliding_friction", "viscous_damping"),
         holds=("coulomb_friction",),
         separate_by="a ladder of constant low speeds",
@@ -250,6 +256,7 @@ FRICTION = (
         parameters=(EffectParameter("mu", "{port}/({second})", 0.0),),
         starts=_load_starts,
         force=_load,
+        last=True,
         second="drive",
         lookalikes=("coulomb_friction", "input_polynomial"),
         separate_by="two loads, driving and being driven",

@@ -196,6 +196,7 @@ LIMITS = (
         force=_overflow,
         amplitude=None,
         after=True,
+        last=True,
         onward=True,
         lookalikes=("sensor_clip", "root_outflow", "clearance"),
         separate_by="timing the fall after the flat top",

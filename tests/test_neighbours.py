@@ -1,0 +1,136 @@
+"""Effects between two neighbours: what pushes one body pushes the other back."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import parameter_names, place_in_words
+from narx_sklearn.discrepancy.generic import curve_hypotheses
+from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+BODY, WHEEL = 300.0, 40.0  # kg
+DT = 0.005
+STATES = ["body [m]", "body rate [m/s]", "wheel [m]", "wheel rate [m/s]"]
+TRUE = {"spring [N/m]": 18e3, "damper [N s/m]": 1200.0, "tyre [N/m]": 180e3}
+GUESSED = {"spring [N/m]": 16e3, "damper [N s/m]": 1400.0, "tyre [N/m]": 200e3}
+
+
+def suspension(x, u, p):
+    strut = p[0] * (x[2] - x[0]) + p[1] * (x[3] - x[1])
+    return x[1], strut / 300.0, x[3], (p[2] * (u[0] - x[2]) - strut) / 40.0
+
+
+def in_space(x, u, p):
+    """Two bodies that nothing else holds."""
+    strut = p[0] * (x[2] - x[0]) + p[1] * (x[3] - x[1])
+    return x[1], (strut + u[0]) / 300.0, x[3], -strut / 40.0
+
+
+def make(function=suspension, parameters=TRUE, substeps=1):
+    return ODESimulator(
+        function,
+        dt=DT,
+        parameters=parameters,
+        states=STATES,
+        inputs=["road [m]"],
+        output=(0, 2),
+        substeps=substeps,
+    )
+
+
+def road(n=3000, seed=0):
+    rng = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(n, DT)
+    line = np.where((f > 0.2) & (f < 12), np.exp(2j * np.pi * rng.random(f.size)), 0)
+    wave = np.fft.irfft(line, n)
+    return 0.05 * wave[:, None] / np.abs(wave).max()
+
+
+def places(code, simulator, u):
+    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    return placements(CATALOGUE[code], simulator, find_structure(simulator, x, u))
+
+
+@pytest.mark.parametrize("code", ["coulomb_friction", "cubic_stiffness", "clearance"])
+def test_what_acts_between_two_is_told_once_at_the_one_that_it_moves_more(code):
+    between = [p for p in places(code, make(), road()) if np.count_nonzero(p.weights) == 2]
+    (placed,) = between
+    assert placed.port == Port("state", 3)
+    assert (placed.onward, placed.reacts) == (1, True)
+    assert placed.share == pytest.approx(WHEEL / BODY)
+    words = place_in_words(placed, make())
+    assert words == "in the equation of wheel rate, and back in that of body rate"
+    assert parameter_names(placed)[-1] == "reaction_ratio"
+
+
+def test_a_neighbour_that_does_not_feel_it_is_not_pushed_back():
+    def towed(x, u, p):
+        """The wheel follows the road whatever the body does."""
+        strut = p[0] * (x[2] - x[0]) + p[1] * (x[3] - x[1])
+        return x[1], strut / 300.0, x[3], p[2] * (u[0] - x[2]) / 40.0 - 20.0 * x[3]
+
+    between = [p for p in places("cubic_stiffness", make(towed), road()) if np.count_nonzero(p.weights) == 2]
+    assert [(p.port.index, p.onward, p.reacts) for p in between] == [(1, -1, False)]
+
+
+def test_curves_without_a_name_push_back_too():
+    simulator, u = make(), road()
+    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    found = curve_hypotheses(simulator, find_structure(simulator, x, u), u, x, x[:, [0, 2]])
+    between = [h for h in found if np.count_nonzero(h.placed.weights) == 2]
+    assert between
+    assert all(h.placed.reacts and h.placed.onward == 1 for h in between)
+    assert {h.starts.shape[1] for h in between} == {h.placed.n_theta for h in between}
+
+
+@pytest.mark.parametrize(
+    ("code", "theta"),
+    [
+        ("coulomb_friction", [5.0]),
+        ("cubic_stiffness", [1e6]),
+        ("presliding_friction", [5.0, 1e-3, 1.2, 0.05, 1e-3]),
+    ],
+)
+def test_what_acts_between_two_changes_nothing_of_their_momentum(code, theta):
+    simulator = make(in_space)
+    u = 5e3 * road() / 0.05  # N
+    (placed,) = [p for p in places(code, simulator, u) if np.count_nonzero(p.weights) == 2]
+    acting = simulator.with_effects([placed.at([*theta, WHEEL / BODY])])
+    windows = Windows.whole([slice(0, len(u))])
+    without, run = (s.run(u, windows, np.zeros((1, 4))) for s in (simulator, acting))
+    momentum = [r.x @ [0, BODY, 0, WHEEL] for r in (without, run)]
+    assert np.abs(run.x[:, 3] - without.x[:, 3]).max() > 1e-3
+    np.testing.assert_allclose(momentum[1], momentum[0], atol=1e-6 * np.abs(momentum[0]).max())
+
+
+def test_two_bodies_that_stick_together_move_as_one():
+    simulator = make(in_space, TRUE | {"spring [N/m]": 1e-9, "damper [N s/m]": 1e-9})
+    u = 5e3 * road() / 0.05  # N
+    (placed,) = [p for p in places("coulomb_friction", make(in_space), u) if np.count_nonzero(p.weights) == 2]
+    stuck = simulator.with_effects([placed.at([100.0, WHEEL / BODY])])
+    x = stuck.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    assert np.ptp(x[:, 1]) > 0.1
+    np.testing.assert_allclose(x[:, 3], x[:, 1], atol=1e-9)
+
+
+def test_dry_friction_of_a_strut_is_named_and_located_between_body_and_wheel():
+    def rubbing(x, u, p):
+        dry = 150.0 * np.tanh((x[3] - x[1]) / 1e-3)
+        strut = p[0] * (x[2] - x[0]) + p[1] * (x[3] - x[1]) + dry
+        return x[1], strut / 300.0, x[3], (p[2] * (u[0] - x[2]) - strut) / 40.0
+
+    u = road()
+    y = make(rubbing, substeps=40).simulate(u)
+    y += 0.01 * y.std(axis=0) * np.random.default_rng(1).normal(size=y.shape)
+    effects = ["coulomb_friction", "quadratic_drag", "cubic_stiffness", "presliding_friction", "clearance"]
+    dx = DiscrepancyRegressor(make(parameters=GUESSED), effects=effects).fit(u, y)
+    (finding,) = dx.findings_
+    assert finding.effect == "coulomb_friction"
+    assert finding.place == "in the equation of wheel rate, and back in that of body rate"
+    size, ratio = finding.parameters.values()
+    assert size == pytest.approx(150 / WHEEL, rel=0.05)
+    assert ratio == pytest.approx(WHEEL / BODY, rel=0.1)
