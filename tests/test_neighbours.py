@@ -134,3 +134,61 @@ def test_dry_friction_of_a_strut_is_named_and_located_between_body_and_wheel():
     size, ratio = finding.parameters.values()
     assert size == pytest.approx(150 / WHEEL, rel=0.05)
     assert ratio == pytest.approx(WHEEL / BODY, rel=0.1)
+
+
+CRANE = ["cart [m]", "cart rate [m/s]", "swing [rad]", "swing rate [rad/s]"]
+HELD = {"cart [kg]": 8.0, "damping [kg/s]": 12.0, "swing damping [1/s]": 0.1}
+
+
+def crane(x, u, p):
+    """A cart with a swinging load: what pushes the cart turns up in both equations of motion."""
+    s, c = np.sin(x[2]), np.cos(x[2])
+    along = (u[0] - p[1] * x[1] + 2.0 * s * (1.2 * x[3] ** 2 + 9.81 * c)) / (p[0] + 2.0 * s * s)
+    return x[1], along, x[3], (-along * c - 9.81 * s) / 1.2 - p[2] * x[3]
+
+
+def make_crane(function=crane, parameters=HELD, substeps=1):
+    made = {"states": CRANE, "inputs": ["force [N]"], "output": (0, 2), "substeps": substeps}
+    return ODESimulator(function, dt=0.02, parameters=parameters, **made)
+
+
+def beside(code, simulator, u):
+    return [p for p in places(code, simulator, u) if p.through >= 0]
+
+
+def test_a_force_beside_an_input_does_what_the_input_does():
+    simulator, u = make_crane(), 600 * road()
+    (load,) = beside("constant_load", simulator, u)
+    assert (load.port, place_in_words(load, simulator)) == (Port("state", 1), "beside the input force")
+    pushed = simulator.with_effects([load.at([3.0])]).simulate(u)
+    np.testing.assert_allclose(pushed, simulator.simulate(u + 3.0), atol=1e-9)
+
+
+def test_no_place_beside_an_input_that_drives_one_equation():
+    assert beside("coulomb_friction", make(), road()) == []
+
+
+def test_dry_friction_beside_an_input_holds_all_that_hangs_on_it():
+    simulator, u = make_crane(), 10 * road() / 0.05
+    (friction,) = beside("coulomb_friction", simulator, u)
+    y = simulator.with_effects([friction.at([40.0])]).simulate(u)
+    assert np.abs(y[:, 0]).max() < 1e-9
+
+
+def test_what_brakes_the_cart_of_a_crane_is_named_in_newtons():
+    def braked(x, u, p):
+        s, c, push = np.sin(x[2]), np.cos(x[2]), u[0] - 15.0 * x[1] * abs(x[1])
+        along = (push - p[1] * x[1] + 2.0 * s * (1.2 * x[3] ** 2 + 9.81 * c)) / (p[0] + 2.0 * s * s)
+        return x[1], along, x[3], (-along * c - 9.81 * s) / 1.2 - p[2] * x[3]
+
+    u = 600 * road(1500)
+    y = make_crane(braked, substeps=40).simulate(u)
+    y += 0.01 * y.std(axis=0) * np.random.default_rng(0).normal(size=y.shape)
+    guessed = dict(zip(HELD, (9.0, 10.0, 0.08), strict=True))
+    effects = ["quadratic_drag", "coulomb_friction", "constant_load"]
+    dx = DiscrepancyRegressor(make_crane(parameters=guessed), effects=effects).fit(u, y)
+    (finding,) = dx.findings_
+    assert (finding.effect, finding.place) == ("quadratic_drag", "beside the input force")
+    (size,), (unit,) = finding.parameters.values(), finding.units.values()
+    assert size == pytest.approx(15.0, rel=0.05)
+    assert unit == "N s^2/m^2"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, compiled_force
+from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
 from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -48,11 +48,10 @@ def state_forces(
             step = _step(placed, simulator)
             if placed.answer and not placed.inertial:
                 own, step = weights @ slope / placed.answer, step * placed.answer
-            if placed.inertial:
-                own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
-                driving = own if second is None else driving
-                own = 0.5 * own
-                arguments[e, at] += own * simulator.dt
+            if placed.through >= 0:
+                push = PUSH * (1.0 + abs(now[placed.through]))
+                gain = weights @ _pushed(simulator, x, now, placed.through, push) / push
+                own, step = (weights @ slope / gain, step * gain) if gain > 0 else (own, step)
             values[e, at] = functions[e](
                 arguments[e, at],
                 rate,
@@ -65,10 +64,20 @@ def state_forces(
                 np.zeros(MAX_MEMORY),
             )
             values[e, at] = np.where(placed.acts_at(age * simulator.dt), values[e, at], 0.0)
-            slope[port] += placed.added(simulator.dt) * values[e, at]
+            if placed.through >= 0:
+                slope += _pushed(simulator, x, now, placed.through, values[e, at])
+            else:
+                slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
                 slope[placed.onward] -= placed.theta[-1] * values[e, at]
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def _pushed(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:
+    """Return by how much a force beside an input changes the rates (n_states,)."""
+    moved = np.array(u, dtype=float)
+    moved[through] += force
+    return evaluate(simulator, x, moved)[0] - evaluate(simulator, x, u)[0]
 
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
@@ -131,6 +140,8 @@ def correction(
 def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return the unit of what an effect adds: a state's rate (the state, in a map), an input, an output."""
     unit = _signals(placed, simulator)[placed.port.index].unit
+    if placed.through >= 0:
+        return simulator.inputs[placed.through].unit
     if placed.inertial:
         return tidy_unit(f"{unit}/s^2") if unit else ""
     if placed.port.kind != "state" or simulator.discrete:
@@ -140,6 +151,8 @@ def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
 
 def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return what an effect adds to what, without the unit."""
+    if placed.through >= 0:
+        return f"added to {simulator.inputs[placed.through].name}"
     if placed.inertial:
         return f"added to the acceleration of {_signals(placed, simulator)[placed.port.index].name}"
     rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""

@@ -142,6 +142,8 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
     words = port_in_words(placed.port, simulator)
+    if placed.through >= 0:
+        return f"beside the input {simulator.inputs[placed.through].name}"
     if placed.reacts:
         words += f", and back in that of {simulator.states[placed.onward].name}"
     elif placed.onward >= 0:

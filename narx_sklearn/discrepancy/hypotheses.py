@@ -131,7 +131,8 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 unit = argument.unit
                 if unit and effect.argument_units and unit not in effect.argument_units:
                     continue
-                places.append(replace(placed_at(effect, Port("state", i), argument), odd=odd))
+                placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
+                places += [placed, *_beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.code in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
     return [
@@ -140,6 +141,21 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, structure)
     ]
+
+
+def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure):
+    """Yield the places of a force on a motion beside each input that drives other equations with it.
+
+    Where bodies move together, a force on one of them turns up in the equations of all, as an input does.
+    """
+    i = placed.port.index
+    if simulator.discrete or structure.partner[i] < 0 or placed.effect.after or placed.effect.onward:
+        return
+    if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1:
+        return
+    for j in np.flatnonzero(structure.gain[i] > 0).tolist():
+        if np.count_nonzero(structure.inputs[:, j] & ~structure.kinematic) > 1:
+            yield replace(placed, through=j)
 
 
 def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Structure):

@@ -22,6 +22,7 @@ MAX_THETA = 12  # parameters of one effect; the last one is the share that spill
 SPILL = MAX_THETA - 1
 MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
 AT_ONCE = 1e-6  # of a step
+PUSH = 1e-6  # of an input, to feel how a force beside it moves its argument
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
 POINTER = types.CPointer(types.float64)
@@ -161,6 +162,7 @@ def _simulate_windows(
     n_forces,
     port,
     onward,
+    through,
     weights,
     answer,
     seconds,
@@ -199,7 +201,8 @@ def _simulate_windows(
     that it is met exactly. An `inertial` force accelerates a map's signal, on whose rate it depends; where
     nothing else is its second argument, that is the acceleration without it. Where a force's argument is how
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
-    what brings them to rest holds their acceleration against each other, over the answer. Each acts in the
+    what brings them to rest holds their acceleration against each other, over the answer. A force that acts
+    `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
     steps that start between its times `begins` and `ends`, counted from where the session began.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
@@ -212,11 +215,12 @@ def _simulate_windows(
     x = np.empty(n_states)
     stage = np.empty(n_states)
     slope = np.empty((4, n_states))
-    nominal = np.empty(n_states)
+    nominal, pushed = np.empty(n_states), np.empty(n_states)
     before = np.empty(n_states)
     now = np.empty(n_inputs)
     observed = np.empty(n_outputs)
     share = np.zeros(MAX_EFFECTS)
+    entered = 0.0
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
@@ -300,6 +304,20 @@ def _simulate_windows(
                             for i in range(n_states):
                                 own += weights[e, i] * slope[r, i] / answer[e]
                             within *= answer[e]
+                        if through[e] >= 0:
+                            entered = now[through[e]]
+                            push = PUSH * (1.0 + abs(entered))
+                            now[through[e]] = entered + push
+                            _write(equation, stage, now, p, pushed)
+                            now[through[e]] = entered
+                            gain = 0.0
+                            total = 0.0
+                            for i in range(n_states):
+                                gain += weights[e, i] * (pushed[i] - nominal[i]) / push
+                                total += weights[e, i] * slope[r, i]
+                            if gain > 0.0:  # a force of a rate; else its argument is a position
+                                own = total / gain
+                                within *= gain
                         if inertial[e]:
                             own = rate + weights[e, port[e]] * (slope[r, port[e]] - nominal[port[e]]) / dt
                             other = own if np.isnan(other) else other
@@ -319,7 +337,14 @@ def _simulate_windows(
                             _row(dz, 4 * e + r),
                         )
                         force = _shared(force, share[e] * (dt * dt if inertial[e] else 1.0))
-                        slope[r, port[e]] += force
+                        if through[e] >= 0:
+                            now[through[e]] = entered + force
+                            _write(equation, stage, now, p, pushed)
+                            now[through[e]] = entered
+                            for i in range(n_states):
+                                slope[r, i] += pushed[i] - nominal[i]
+                        else:
+                            slope[r, port[e]] += force
                         if onward[e] >= 0:
                             slope[r, onward[e]] -= theta[e, SPILL] * force
                 if discrete:
@@ -392,7 +417,7 @@ def simulate_windows():
         types.int64,
         INTEGERS,
         types.int64,
-        *[INTEGERS] * 2,
+        *[INTEGERS] * 3,
         MATRIX,
         VECTOR,
         MATRIX,

@@ -47,6 +47,9 @@ class PlacedEffect:
         How the second argument is called and its unit.
     share : float
         From which the search for the share, or the ratio, begins.
+    through : int
+        Input that it is added to: what it does the simulator's own equations tell, as of a force on one of
+        several bodies that move together; -1 for none, and it is added to its port.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.
@@ -67,6 +70,7 @@ class PlacedEffect:
     second_name: str = ""
     second_unit: str = ""
     share: float = 0.5
+    through: int = -1
     inertial: bool = False
     odd: bool = False
     during: tuple[float, float] = ALWAYS
@@ -78,7 +82,8 @@ class PlacedEffect:
     @property
     def place(self) -> tuple:
         """Everything but the parameter values: two of one place are the same hypothesis."""
-        return (self.effect.code, self.port, self.weights, self.second, self.onward, self.during)
+        ways = self.onward, self.through
+        return (self.effect.code, self.port, self.weights, self.second, *ways, self.during)
 
     @property
     def passes(self) -> bool:

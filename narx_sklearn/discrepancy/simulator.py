@@ -331,7 +331,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     if n > MAX_EFFECTS:
         raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
     functions = [compiled_force(placed.effect.force) for placed, _ in forces]
-    port, onward = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(2))
+    port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
     jumps, after, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(3))
     weights = np.zeros((MAX_EFFECTS, n_states))
@@ -341,7 +341,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
-        port[i], onward[i] = placed.port.index, placed.onward
+        port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i] = placed.during
@@ -354,7 +354,8 @@ def _slots(forces, n_inputs: int, n_states: int):
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
     flags = jumps, after, inertial
-    return addresses, n, port, onward, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
+    ways = port, onward, through
+    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:

@@ -21,6 +21,7 @@ class Structure(NamedTuple):
     states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
     slope: np.ndarray  # (n_states, n_states) mean of that dependence
     inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
+    gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
 
     @property
     def channels(self) -> np.ndarray:
@@ -75,4 +76,5 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
     slope = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
-    return Structure(tuple(partner), kinematic, depends, slope, driven)
+    gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
+    return Structure(tuple(partner), kinematic, depends, slope, driven, gain)
