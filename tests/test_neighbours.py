@@ -7,9 +7,13 @@ from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.findings import parameter_names, place_in_words
 from narx_sklearn.discrepancy.generic import curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.substeps import coarse_steps
+from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 BODY, WHEEL = 300.0, 40.0  # kg
@@ -192,3 +196,19 @@ def test_what_brakes_the_cart_of_a_crane_is_named_in_newtons():
     (size,), (unit,) = finding.parameters.values(), finding.units.values()
     assert size == pytest.approx(15.0, rel=0.05)
     assert unit == "N s^2/m^2"
+
+
+@pytest.mark.parametrize(("substeps", "said"), [(1, True), (8, False)])
+def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps, said):
+    simulator, u = make_crane(substeps=substeps), 600 * road(1500)
+    (friction,) = beside("coulomb_friction", simulator, u)
+    acting = simulator.with_effects([friction.at([10.0])])
+    windows = cut([(slice(0, len(u)), 0)], 300, 12)
+    x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([5e-4, 5e-4])))
+    model = Model(simulator.nominal, acting.effects, x[windows.first])
+    found = coarse_steps(problem, model)
+    assert bool(found) is said
+    if said:
+        assert "Pass substeps=4" in str(found[0])
+        assert found[0].evidence["output"] == "cart"

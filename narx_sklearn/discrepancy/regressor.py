@@ -32,6 +32,7 @@ from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
+from narx_sklearn.discrepancy.substeps import coarse_steps
 from narx_sklearn.discrepancy.temporary import only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
@@ -222,6 +223,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self._tell,
         )
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
+        self.data_findings_ += coarse_steps(diagnosis.problem, diagnosis.best.fit.model)
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
