@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.acting import state_forces
 from narx_sklearn.discrepancy.findings import parameter_names, place_in_words
 from narx_sklearn.discrepancy.generic import curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import placements
@@ -212,3 +213,23 @@ def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps,
     if said:
         assert "Pass substeps=4" in str(found[0])
         assert found[0].evidence["output"] == "cart"
+
+
+@pytest.mark.parametrize("made", ["strut", "crane"])
+def test_forces_are_those_the_run_adds(made):
+    if made == "strut":
+        simulator, u = make(substeps=64), road(200)
+        (placed,) = [p for p in places("coulomb_friction", simulator, u) if p.reacts]
+        acting = simulator.with_effects([placed.at([0.5, WHEEL / BODY])])
+    else:
+        simulator, u = make_crane(substeps=64), 600 * road(200)
+        (placed,) = beside("quadratic_drag", simulator, u)
+        acting = simulator.with_effects([placed.at([15.0])])
+    windows = Windows.whole([slice(0, len(u))])
+    run = acting.run(u, windows, np.zeros((1, 4)))
+    rows = np.arange(199)
+    argument, force = state_forces(acting, run, u, windows, rows)[0]
+    moving = np.abs(argument) > 0.02
+    law = -0.5 * np.sign(argument) if made == "strut" else -15.0 * argument * np.abs(argument)
+    np.testing.assert_allclose(argument, run.x[rows] @ placed.weights, atol=1e-12)
+    np.testing.assert_allclose(force[moving], law[moving], atol=1e-9)

@@ -52,6 +52,11 @@ def state_forces(
                 push = PUSH * (1.0 + abs(now[placed.through]))
                 gain = weights @ _pushed(simulator, x, now, placed.through, push) / push
                 own, step = (weights @ slope / gain, step * gain) if gain > 0 else (own, step)
+            if placed.inertial:
+                own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
+                driving = own if second is None else driving
+                own = 0.5 * own
+                arguments[e, at] += own * simulator.dt
             values[e, at] = functions[e](
                 arguments[e, at],
                 rate,
