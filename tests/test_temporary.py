@@ -265,6 +265,7 @@ def test_a_parameter_that_changes_is_told_and_no_name_is_sold_for_it(rhs, port, 
     before = finding.during[0] == -np.inf  # it acts before or after, which is the same
     assert finding.parameters[name] == pytest.approx(-value if before else value, rel=0.3)
     assert finding.units[name] == unit
+    # ends are settled to 1/500 of the record, 0.12 s of it
     assert finding.during[1 if before else 0] == pytest.approx(24.0, abs=0.15)
     scores = found.scores_["nrmse"]
     assert scores["augmented"] < 0.3 * scores["refitted"]

@@ -46,12 +46,12 @@ def state_forces(
             arguments[e, at], rate = weights @ x, weights @ change
             own = slope[port] - (x[port] if simulator.discrete else 0.0)
             step = _step(placed, simulator)
-            if placed.answer and not placed.inertial:
-                own, step = weights @ slope / placed.answer, step * placed.answer
+            gain = 0.0 if placed.inertial else placed.answer
             if placed.through >= 0:
                 push = PUSH * (1.0 + abs(now[placed.through]))
-                gain = weights @ _pushed(simulator, x, now, placed.through, push) / push
-                own, step = (weights @ slope / gain, step * gain) if gain > 0 else (own, step)
+                gain = weights @ (_beside(simulator, x, now, placed.through, push) - nominal) / push
+            if gain > 0:
+                own, step = weights @ slope / gain, step * gain
             if placed.inertial:
                 own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
                 driving = own if second is None else driving
@@ -70,7 +70,7 @@ def state_forces(
             )
             values[e, at] = np.where(placed.acts_at(age * simulator.dt), values[e, at], 0.0)
             if placed.through >= 0:
-                slope += _pushed(simulator, x, now, placed.through, values[e, at])
+                slope += _beside(simulator, x, now, placed.through, values[e, at]) - nominal
             else:
                 slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
@@ -78,11 +78,11 @@ def state_forces(
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
 
 
-def _pushed(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:
-    """Return by how much a force beside an input changes the rates (n_states,)."""
+def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:
+    """Return the rates (n_states,) with a force beside an input."""
     moved = np.array(u, dtype=float)
     moved[through] += force
-    return evaluate(simulator, x, moved)[0] - evaluate(simulator, x, u)[0]
+    return evaluate(simulator, x, moved)[0]
 
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:

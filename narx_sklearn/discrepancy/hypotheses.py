@@ -164,14 +164,8 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
         if structure.states[before].sum() == 1 and simulator.free_states[before]:
             name, unit = simulator.states[i]
             weights = _weights(len(simulator.states), {i: 1 / simulator.dt, before: -1 / simulator.dt})
-            yield PlacedEffect(
-                effect,
-                Port("state", i),
-                weights,
-                argument_name=f"rate of {name}",
-                argument_unit=tidy_unit(f"{unit}/s") if unit else "",
-                inertial=True,
-            )
+            rate = Argument(weights, f"rate of {name}", tidy_unit(f"{unit}/s") if unit else "")
+            yield replace(placed_at(effect, Port("state", i), rate), inertial=True)
 
 
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:

@@ -299,11 +299,7 @@ def _simulate_windows(
                         # in a map the port's own increment stands for its rate
                         own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
                         within = own_step[e] * (AT_ONCE if after[e] else 1.0)
-                        if answer[e] != 0.0:
-                            own = 0.0
-                            for i in range(n_states):
-                                own += weights[e, i] * slope[r, i] / answer[e]
-                            within *= answer[e]
+                        gain = answer[e]
                         if through[e] >= 0:
                             entered = now[through[e]]
                             push = PUSH * (1.0 + abs(entered))
@@ -311,13 +307,13 @@ def _simulate_windows(
                             _write(equation, stage, now, p, pushed)
                             now[through[e]] = entered
                             gain = 0.0
-                            total = 0.0
                             for i in range(n_states):
                                 gain += weights[e, i] * (pushed[i] - nominal[i]) / push
-                                total += weights[e, i] * slope[r, i]
-                            if gain > 0.0:  # a force of a rate; else its argument is a position
-                                own = total / gain
-                                within *= gain
+                        if gain > 0.0:  # a force of a rate; else its argument is a position
+                            own = 0.0
+                            for i in range(n_states):
+                                own += weights[e, i] * slope[r, i] / gain
+                            within *= gain
                         if inertial[e]:
                             own = rate + weights[e, port[e]] * (slope[r, port[e]] - nominal[port[e]]) / dt
                             other = own if np.isnan(other) else other

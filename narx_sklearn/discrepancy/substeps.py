@@ -30,12 +30,12 @@ def coarse_steps(problem: Problem, model: Model) -> list[DataFinding]:
     finer = copy(simulator)
     finer.substeps = FINER * simulator.substeps
     runs = (s.run(problem.u, problem.windows, model.x0, model.p, model.effects).y for s in (simulator, finer))
-    moved = problem.raw(np.subtract(*runs))[problem.seen.any(axis=2)]
-    error = np.sqrt(np.mean(moved**2, axis=0))
-    share = error / np.maximum(problem.noise.sigma, 1e-300)
+    moved = np.subtract(*runs)
+    share = _spread(problem.whiten(moved).reshape(problem.seen.shape), problem.weighted)
     worst = int(np.argmax(share))
     if not share[worst] > NOTICEABLE:
         return []
+    error = _spread(problem.raw(moved), problem.seen)
     signal = simulator.outputs[worst]
     step = simulator.dt / simulator.substeps
     return [
@@ -48,3 +48,9 @@ def coarse_steps(problem: Problem, model: Model) -> list[DataFinding]:
             {"output": signal.name, "error": float(error[worst]), "substeps": finer.substeps},
         )
     ]
+
+
+def _spread(signals: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Return the root mean square of each output (n_outputs,) over the samples that count."""
+    total = np.sum(np.where(counted, signals, 0.0) ** 2, axis=(0, 1))
+    return np.sqrt(total / np.maximum(counted.sum(axis=(0, 1)), 1))

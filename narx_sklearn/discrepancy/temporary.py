@@ -92,7 +92,7 @@ def search_in_spans(
         return None
     # within ends that are wrong what bends most comes first, so all have theirs roughly settled
     roughly = _settled_each(found.problem, found.candidates, settings, passes=1)
-    near = [c for c in roughly if c.criterion < roughly[0].criterion + IN_REACH]
+    near = _near(roughly)
     settled = _settled_each(found.problem, near, settings)
     best = settled[0]
     value = deviance(found.problem, best.fit.model)
@@ -251,11 +251,16 @@ def _settled_again(
     if noise is None:
         return problem.noise, settled
     clearer = problem.with_noise(noise)
-    near = [c for c in settled if c.criterion < settled[0].criterion + IN_REACH]
-    again = _settled_each(clearer, [replace(c, fit=fit(clearer, c.fit.model)) for c in near], settings)
+    near = [replace(c, fit=fit(clearer, c.fit.model)) for c in _near(settled)]
+    again = _settled_each(clearer, near, settings)
     if deviance(clearer, again[0].fit.model) < value:
         return clearer_noise(clearer, again[0].fit) or noise, again
     return noise, settled
+
+
+def _near(candidates: list[Candidate]) -> list[Candidate]:
+    """Return those of some candidates, best first, that ends settled more finely may bring to the front."""
+    return [c for c in candidates if c.criterion < candidates[0].criterion + IN_REACH]
 
 
 def _settled_each(
