@@ -174,6 +174,11 @@ def strongest_line(residual: np.ndarray, n_outputs: int, u: np.ndarray | None = 
     return min(found, key=lambda line: line.p_value, default=Line(0.0, 1.0, 0))
 
 
+def exceeded(ratio: float, m: int) -> float:
+    """Return the chance that an ordinate of a spectrum is more than some times the mean of m others."""
+    return float((1.0 + ratio / m) ** -m) if m else 1.0
+
+
 def _ordinates(n: int) -> int:
     return (n - 1) // 2
 

@@ -1,5 +1,6 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from narx_sklearn.discrepancy.explain import (
     ranked,
     refit_leaders,
 )
-from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses
+from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
@@ -172,8 +173,9 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         if remainder.p_value <= SHARE * settings.alpha:
             verdict, p_missing = "unknown", remainder.p_value
             against_noise = remainder.speaking(SHARE * settings.alpha)
-            if any(sign.kind == "follows" for sign in against_noise):
-                unnamed = _unnamed(problem, refitted, best, structure, settings)
+            waves = [hertz for sign in against_noise for hertz in sign.frequencies]
+            if waves or any(sign.kind == "follows" for sign in against_noise):
+                unnamed = _unnamed(problem, refitted, best, structure, settings, waves)
             if unnamed is not None and _explains(problem, best, unnamed, structure, settings):
                 best, alternatives = unnamed, ((),)
     return Diagnosis(
@@ -361,17 +363,26 @@ def _replaced(candidate: Candidate, kept: set) -> set[str]:
 
 
 def _unnamed(
-    problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    structure: Structure,
+    settings: Settings,
+    waves: Sequence[float] = (),
 ) -> Candidate | None:
     """Return the best curve at any port, fitted from the parameters that go with the named effects.
 
-    Beside what acts for a while, a change of the simulator's own parameters meanwhile is tried too.
+    Beside what acts for a while, a change of the simulator's own parameters meanwhile is tried too, and what
+    pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = _curves(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
     during = times.pop() if len(times) == 1 else ALWAYS
     if during != ALWAYS:
         curves += line_hypotheses(problem.simulator, structure)
+    fine = 1.0 / (problem.simulator.dt * len(problem.y))  # between two that the record tells apart
+    for wave in waves:
+        curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
     placed = [replace(curve.placed, during=during) for curve in curves]
     base = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, base, placed, settings.n_jobs, finished=1, twins=0)

@@ -15,19 +15,23 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import Effect, EffectParameter
+from narx_sklearn.physics.effects._series import time_since
 
 KNOTS = 7
-CURVE, SURFACE, LINE = "unnamed_curve", "unnamed_surface", "unnamed_line"
-UNNAMED = (CURVE, SURFACE, LINE)
+CURVE, SURFACE, LINE, PULSE = "unnamed_curve", "unnamed_surface", "unnamed_line", "unnamed_pulse"
+UNNAMED = (CURVE, SURFACE, LINE, PULSE)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     SURFACE: "a force of position and rate that the catalogue does not hold",
     LINE: "a parameter that changed",
+    PULSE: "a parameter that pulsates",
 }
 SENTENCES = {
     CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
     SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
     LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
+    PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
+    "parameter pulsated. When it does is known for this recording only.",
 }
 MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
 
@@ -72,26 +76,51 @@ def _gained(signal, second, dt, theta, first):
     return signal * (1.0 + theta[0])
 
 
+@njit(nogil=True, cache=True)
+def _pulsating(argument, rate, own, second, time, step, z, theta, dz):
+    turned = 2.0 * np.pi * theta[2] * time
+    return (theta[0] * np.cos(turned) + theta[1] * np.sin(turned)) * argument
+
+
+def _pulsated(signal, second, dt, theta, first):
+    turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
+    return signal * (1.0 + theta[0] * np.cos(turned) + theta[1] * np.sin(turned))
+
+
 def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:
     """Return a force in proportion to a signal, for each port and argument.
 
     One that always acts is a matter of the simulator's own parameters; for a while, it is a change of them.
     """
     return [
-        *(
-            _line(Port("input", i), Argument((), *simulator.inputs[i]), "-")
-            for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist()
-        ),
-        *(
-            _line(Port("state", i), argument, "{port}/({arg})")
-            for i in np.flatnonzero(~structure.kinematic).tolist()
-            for argument in _moving(i, simulator, structure)
-        ),
+        _unnamed(LINE, "k x", ["k"], (), _proportional, port, argument, unit)
+        for port, argument, unit in _proportions(simulator, structure)
     ]
 
 
-def _line(port: Port, argument: Argument, unit: str) -> Hypothesis:
-    return _unnamed(LINE, "k x", ["k"], (), _proportional, port, argument, unit)
+def pulse_hypotheses(simulator: Simulator, structure: Structure, frequencies: tuple[float, float]):
+    """Return a force in proportion to a signal that comes and goes, for each port and argument.
+
+    Parameters
+    ----------
+    frequencies : (float, float)
+        Between which it does, Hz; it begins in the middle.
+    """
+    frequency = (EffectParameter("frequency", "Hz", *frequencies),)
+    equation = "(a cos(2 pi f t) + b sin(2 pi f t)) x"
+    return [
+        _unnamed(PULSE, equation, ["a", "b"], frequency, _pulsating, port, argument, unit)
+        for port, argument, unit in _proportions(simulator, structure)
+    ]
+
+
+def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, str]]:
+    """Yield what a force in proportion may be in proportion to, with its port and the factor's unit."""
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
+        yield Port("input", i), Argument((), *simulator.inputs[i]), "-"
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for argument in _moving(i, simulator, structure):
+            yield Port("state", i), argument, "{port}/({arg})"
 
 
 def _moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
@@ -149,9 +178,9 @@ def _of_motion(port: Port, argument: Argument, position: np.ndarray, dt: float) 
 def _unnamed(
     code: str, equation: str, names, fixed, force, port: Port, argument: Argument, unit: str = "{port}"
 ) -> Hypothesis:
-    """Return the hypothesis of a force that is linear in its named coefficients; others are fixed."""
+    """Return the hypothesis of a force that is linear in its named coefficients; others keep their bounds."""
     n = len(names)
-    transforms = {CURVE: _transform, LINE: _gained}
+    transforms = {CURVE: _transform, LINE: _gained, PULSE: _pulsated}
     effect = Effect(
         code=code,
         title=TITLES[code],
@@ -164,7 +193,7 @@ def _unnamed(
         amplitude=None,
     )
     placed = placed_at(effect, port, argument)
-    scale = [parameter.lower for parameter in fixed] + [placed.share] * placed.reacts
+    scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
     starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
     none = np.zeros(len(starts))
     return Hypothesis(placed.at(np.r_[np.zeros(n), scale]), starts, none.astype(bool), none)

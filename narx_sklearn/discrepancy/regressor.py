@@ -60,7 +60,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     anything is missing; effects of the catalogue at every port are ordered, refitted and compared; what
     cannot be told apart is reported as such, with the experiment that would tell. Where a stretch of the
     record disagrees more than the rest, effects that act there only are tried too. Where none is found, what
-    is left over must depend on nothing, come in no bursts and hold no line, as noise does.
+    is left over must depend on nothing, come in no bursts, hold no line and make no parameter pulsate, as
+    noise does.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Is what is left over noise? What follows the motion, or comes in bursts, is none, whatever its colour."""
+"""Is what is left over noise? What follows the motion, comes in bursts or pulsates is none, of any colour."""
 
 from itertools import combinations
 from typing import NamedTuple
@@ -14,14 +14,17 @@ from narx_sklearn.discrepancy.detect import (
     SLOW,
     block_length,
     blocks_of,
+    exceeded,
     flipped_maxima,
     strongest_line,
 )
 from narx_sklearn.discrepancy.followed import BEFORE, SHAPES, followed, response
-from narx_sklearn.discrepancy.locate import ports_of, tangent
+from narx_sklearn.discrepancy.locate import Tangent, ports_of, tangent
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.pulse import strongest_pulse
 from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.simulator import Run
 from narx_sklearn.discrepancy.steps import measured_steps
 from narx_sklearn.discrepancy.structure import Structure
 
@@ -45,6 +48,7 @@ TO_TRY = {
     "size": "the same input at half and at twice the amplitude: what belongs to the machine changes with it",
     "bursts": "a look at those times, and a record of what else went on then (contacts, supply, blows)",
     "line": "a record with the input at rest: a line that stays comes from outside",
+    "pulse": "what turns or is fed at that frequency (gears, pumps, the mains), at another speed of it",
     "together": "one more signal measured inside, and a record at rest: what comes from outside stays",
 }
 
@@ -52,9 +56,10 @@ TO_TRY = {
 class Sign(NamedTuple):
     """One thing that noise does not do."""
 
-    kind: str  # "follows", "size", "bursts", "line" or "together"
+    kind: str  # "follows", "size", "bursts", "line", "pulse" or "together"
     words: str  # a sentence
     p_value: float
+    frequencies: tuple[float, ...] = ()  # of a pulse and its images, Hz
 
     @property
     def to_try(self) -> str:
@@ -81,9 +86,9 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     """Test whether what a model leaves over can be noise of any stationary colour.
 
     Noise of whatever colour, made white, (A) follows no function of the motion acting at any port, (B) is as
-    large wherever the machine is, (C) comes in no bursts, (D) holds no line, and (E) comes to every output
-    on its own. The colour is first fitted to the residual itself, so that all that a colour can explain, it
-    explains.
+    large wherever the machine is, (C) comes in no bursts, (D) holds no line, (E) is no wave times a signal
+    acting at any port, and (F) comes to every output on its own. The colour is first fitted to the residual
+    itself, so that all that a colour can explain, it explains.
     """
     for _ in range(ROUNDS):
         problem = problem.with_noise(estimate_noise(problem.left_over(model), problem.seen))
@@ -97,12 +102,16 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
     leverage = _leverage(found, e)
     scores = _scores(problem, leverage, e)
+    run = problem.run(model)
+    simulator = problem.simulator.with_effects(model.effects)
+    linear = tangent(simulator, run, problem.u, problem.windows, model.p)
     return Remainder(
         (
-            _follows(problem, found, e, structure, rng),
+            _follows(problem, found, run, linear, e, structure, rng),
             _size_follows(problem, found, scores, structure, rng),
             _in_bursts(problem, scores, e, rng),
             _line(problem, e),
+            _pulse(problem, found, run, linear, e, structure, rng),
             _together(problem, found, leverage, e),
         )
     )
@@ -115,11 +124,11 @@ def _drifts(problem: Problem) -> list[np.ndarray]:
     return [np.outer(np.cos(m * turns), unit) for unit in np.eye(n_outputs) for m in range(2 * SLOW + 1)]
 
 
-def _follows(problem: Problem, found: Fit, e: np.ndarray, structure: Structure, rng) -> Sign:
+def _follows(
+    problem: Problem, found: Fit, run: Run, linear: Tangent, e: np.ndarray, structure: Structure, rng
+) -> Sign:
     """Test the residual against the answers to whatever follows the motion, at every port."""
-    model, simulator = found.model, problem.simulator.with_effects(found.model.effects)
-    run = problem.run(model)
-    linear = tangent(simulator, run, problem.u, problem.windows, model.p)
+    simulator = problem.simulator
     n_outputs = problem.y.shape[1]
     length = block_length(e.shape[0], e.shape[1] // n_outputs)
     words, products, spreads = [], [], []
@@ -338,8 +347,21 @@ def _line(problem: Problem, e: np.ndarray) -> Sign:
     at = round(frequency * signal.size)
     beside = [at + sign * d for d in NEAR for sign in (-1, 1) if 0 < at + sign * d < power.size]
     ratio = power[at] / max(np.mean(power[beside]), 1e-300)
-    # of 2 and 2 m degrees of freedom, F exceeds x with chance (1 + x / m)^-m; every ordinate was tried
-    alone = power.size * (1.0 + ratio / len(beside)) ** -len(beside)
+    alone = power.size * exceeded(ratio, len(beside))  # every ordinate was tried
     hertz = frequency / problem.simulator.dt
     words = f"It holds a line at {hertz:.4g} Hz that the input has not."
     return Sign("line", words, float(min(1.0, max(p, alone))))
+
+
+def _pulse(
+    problem: Problem, found: Fit, run: Run, linear: Tangent, e: np.ndarray, structure: Structure, rng
+) -> Sign:
+    """Test for a wave times a signal at any port: a parameter that pulsates."""
+    pulse = strongest_pulse(problem, found, run, linear, e, structure, rng)
+    if pulse is None:
+        return Sign("pulse", "", 1.0)
+    hertz = tuple(frequency / problem.simulator.dt for frequency in pulse.frequencies)
+    where = port_in_words(pulse.placed.port, problem.simulator)
+    or_these = " or ".join(f"{f:.4g}" for f in hertz)
+    words = f"It goes with {pulse.placed.argument_name} times a wave of {or_these} Hz, acting {where}."
+    return Sign("pulse", words, pulse.p_value, hertz)

@@ -67,7 +67,8 @@ class Finding:
         Seconds since the session began, between which it acts; None where it always does.
     evidence : dict, default=None
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
-        ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``.
+        ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``,
+        a ``"pulse"``, or that outputs go ``"together"``.
     """
 
     effect: str

@@ -1,0 +1,111 @@
+"""A parameter that comes and goes at one frequency: seen in what is left over, told, and modelled."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.followed import response
+from narx_sklearn.discrepancy.locate import tangent
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.pulse import gradients_by_force, strongest_pulse
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
+
+DT, HERTZ, SIGMA = 0.02, 3.7, 0.004
+NAMES, NOMINAL = ("b", "c", "k [1/s^2]"), (1.0, 0.5, 12.0)
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def softened(x, u, p):
+    """A spring of which a wheel, u[1], takes and gives a part."""
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * (1.0 + u[1]) * x[0]
+
+
+def rippled(x, u, p):
+    """A drive on a supply that ripples."""
+    return x[1], p[0] * (1.0 + u[1]) * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def make(rhs=stage, inputs=("u [V]",), values=NOMINAL):
+    parameters = dict(zip(NAMES, values, strict=True))
+    return ODESimulator(rhs, dt=DT, parameters=parameters, states=["x [m]", "v [m/s]"], inputs=list(inputs))
+
+
+def drive(rng, n):
+    return np.repeat(rng.uniform(-1.0, 1.0, -(-n // 12)), 12)[:n, None]
+
+
+def recorded(rng, rhs=stage, depth=0.0, n=3000):
+    u = drive(rng, n)
+    wave = depth * np.sin(2 * np.pi * HERTZ * DT * np.arange(n) + 0.4)
+    machine = make(rhs, ("u", "wave"), (1.05, 0.6, 11.5))
+    moved = machine.simulate(np.column_stack([u[:, 0], wave]))
+    return u, moved + SIGMA * rng.normal(size=moved.shape), moved
+
+
+def fitted(u, y, coefficients=()):
+    """Return the problem and fit of the stage with the noise that the record was made with."""
+    windows = cut([(slice(0, len(u)), 0)], 200, 4)
+    noise = Noise((np.array(coefficients),), np.array([SIGMA]))
+    problem = Problem(make(), u, y, windows, noise)
+    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+    return problem, fit(problem, Model(make().nominal, (), x0))
+
+
+def along(problem, found):
+    run = problem.run(found.model)
+    return run, tangent(problem.simulator, run, problem.u, problem.windows, found.model.p)
+
+
+@pytest.mark.parametrize("port", [Port("input", 0), Port("state", 0), Port("state", 1)])
+@pytest.mark.parametrize("coefficients", [(), (0.6,)])
+def test_the_gradient_by_forces_is_that_of_their_answers(port, coefficients):
+    rng = np.random.default_rng(3)
+    problem, found = fitted(*recorded(rng, n=800)[:2], coefficients)
+    _, linear = along(problem, found)
+    e = rng.normal(size=found.residual.shape)
+    ends = e.reshape(*problem.rows.shape, 1)
+    ends[:, : len(coefficients)] = ends[:, ends.shape[1] - len(coefficients) :] = 0.0  # there it is rough
+    forces = rng.normal(size=(800, 5))
+    answers = response(problem, linear, port, forces)
+    expected = [np.sum(e * problem.whiten(answers[:, :, j])) for j in range(5)]
+    (gradient,) = gradients_by_force(problem, linear, e[:, :, None])[port].T
+    assert gradient @ forces == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_holds_no_pulse_even_where_the_drive_is_a_sine(seed):
+    rng = np.random.default_rng(seed)
+    u, *_ = recorded(rng)
+    if seed % 2:
+        u = np.sin(2 * np.pi * 0.4 * DT * np.arange(3000))[:, None]
+    y = make().simulate(u)
+    problem, found = fitted(u, y + SIGMA * rng.normal(size=y.shape))
+    run, linear = along(problem, found)
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    pulse = strongest_pulse(problem, found, run, linear, e, find_structure(make(), run.x, u), rng)
+    assert pulse.p_value > 0.01
+
+
+@pytest.mark.parametrize(
+    ("rhs", "depth", "port", "size"),
+    [(softened, 0.6, "state:1", 0.6 * 11.5), (rippled, 0.25, "input:0", 0.25)],
+)
+def test_a_parameter_that_pulsates_is_told_and_modelled(rhs, depth, port, size):
+    u, y, moved = recorded(np.random.default_rng(0), rhs, depth)
+    found = DiscrepancyRegressor(make(), effects=["coulomb_friction", "constant_load", "dead_zone"]).fit(u, y)
+    assert found.verdict_ == "unknown"
+    (finding,) = found.findings_
+    assert (finding.effect, finding.title, finding.port) == ("unknown", "a parameter that pulsates", port)
+    assert finding.parameters["frequency"] == pytest.approx(HERTZ, abs=5e-3)
+    assert np.hypot(finding.parameters["a"], finding.parameters["b"]) == pytest.approx(size, rel=0.1)
+    assert finding.units["frequency"] == "Hz"
+    refitted, augmented = (s.simulate(u) for s in (found.refitted_simulator_, found.simulator_))
+    assert np.std(moved - augmented) < 0.5 * np.std(moved - refitted)
