@@ -630,6 +630,36 @@ def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanat
     assert found.findings_[0].port == "state:1"
 
 
+def test_two_names_that_leave_what_follows_the_motion_stand_in_for_something_else():
+    """A drive that is faster on its way up than down is neither a lag nor a curve, nor both."""
+
+    def stage(x, u, p):
+        return x[1], x[2] - 0.5 * x[1] - 12.0 * x[0], (u[0] - x[2]) / (0.05 if u[0] > x[2] else 0.25)
+
+    def nominal(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    plant = ODESimulator(
+        stage,
+        dt=0.02,
+        parameters={},
+        states=["x", "v", "drive"],
+        inputs=["u"],
+        output=lambda x, u, p: (x[0],),
+        outputs=["x"],
+    )
+    model = {"b": 1.1, "c": 0.6, "k": 11.5}
+    simulator = ODESimulator(nominal, dt=0.02, parameters=model, states=["x", "v"], inputs=["u"])
+    rng = np.random.default_rng(0)
+    u = levels(rng, 3000)
+    y = plant.simulate(u)
+    y = y + 0.01 * y.std() * rng.normal(size=y.shape)
+    effects = ["lag", "delay", "input_polynomial", "dead_zone", "coulomb_friction"]
+    found = DiscrepancyRegressor(simulator, effects=effects).fit(u, y)
+    assert found.verdict_ == "unknown"
+    assert "What these leave is no noise. It depends on" in found.report_
+
+
 def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)

@@ -36,7 +36,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
+from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder, look_for_pulse
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
@@ -55,7 +55,7 @@ CENTRED = 6  # times that a fit goes on with a simulator known nearer to its par
 AGAIN = 2  # diagnoses after the first, for the same reason
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
-BENT = 0.01  # the same, of look-alikes that act together: those leaving more were bent to one law
+BENT = 0.01  # the same, of effects that act together: those leaving more were bent to one law
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
@@ -71,16 +71,15 @@ class Diagnosis:
     structure: Structure
     nominal: Fit  # initial states only
     refitted: Fit
-    best: Candidate  # the set chosen, empty when nothing is missing
+    best: Candidate  # the set chosen, or a curve that tells more; empty when nothing is missing
     alternatives: tuple[tuple[Candidate, ...], ...]  # what could stand in the place of each of its effects
     p_missing: float
     p_moved: float
     steps: tuple[Step, ...]
-    unnamed: Candidate | None  # the best curve without a name, when it was tried
     time_constant: float
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
-    against_noise: tuple[Sign, ...] = ()  # what noise would not do, where nothing named is missing
+    against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
 
     @property
     def base_run(self) -> Run:
@@ -158,15 +157,16 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         if found is not None:
             problem, refitted, steps = found
             named = _named(problem, refitted, steps, structure, settings)
+    if named is not None and named.verdict == "unknown":
+        named = named._replace(unnamed=_pulsating(problem, refitted, named.unnamed, structure, settings))
     p_missing = steps[0].detection.p_value if steps else 1.0
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
     nothing = "refit" if p_moved <= settings.alpha else "consistent"
     named = named or _Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
-    verdict, best, alternatives, unnamed, _ = named
+    verdict, best, alternatives, unnamed, _, against_noise = named
     twin_misses_more = _twin_misses_more(problem, refitted, best)
-    against_noise: tuple[Sign, ...] = ()
     if not best.effects and steps:
         settings.tell("is what is left over noise?")
         remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
@@ -177,9 +177,12 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
             if waves or any(sign.kind == "follows" for sign in against_noise):
                 unnamed = _unnamed(problem, refitted, best, structure, settings, waves)
             if unnamed is not None and _explains(problem, best, unnamed, structure, settings):
-                best, alternatives = unnamed, ((),)
+                best, alternatives, against_noise = unnamed, ((),), ()
+    verdict = "unknown" if twin_misses_more else verdict
+    if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
+        best, alternatives, against_noise = unnamed, ((),), ()
     return Diagnosis(
-        "unknown" if twin_misses_more else verdict,
+        verdict,
         problem,
         structure,
         nominal,
@@ -189,12 +192,16 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         p_missing,
         p_moved,
         tuple(steps),
-        unnamed,
         pace.time_constant,
         stretches,
         twin_misses_more,
         against_noise,
     )
+
+
+def _tells_more(unnamed: Candidate, best: Candidate) -> bool:
+    """Tell whether a curve without a name says more than names that do not explain what is missing."""
+    return odd(best) or is_a_change(unnamed, best) or unnamed.criterion < best.criterion
 
 
 def _twin_misses_more(problem: Problem, refitted: Fit, best: Candidate) -> bool:
@@ -214,6 +221,7 @@ class _Judgement(NamedTuple):
     alternatives: tuple[tuple[Candidate, ...], ...]
     unnamed: Candidate | None
     stand_in: bool = False  # two look-alikes for a law that is neither
+    against_noise: tuple[Sign, ...] = ()  # what noise would not do, and several names leave
 
 
 def _named(
@@ -255,9 +263,10 @@ def _judged(
     tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
     alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
     unnamed = _unnamed(problem, refitted, best, structure, settings)
-    stand_in = _stand_in(refitted, best, leftover, settings.alpha)
+    follows = _left_by_several(problem, refitted, best, structure, settings)
+    stand_in = bool(follows) or _stand_in(refitted, best, leftover, settings.alpha)
     verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
-    return _Judgement("unknown" if stand_in else verdict, best, alternatives, unnamed, stand_in)
+    return _Judgement("unknown" if stand_in else verdict, best, alternatives, unnamed, stand_in, follows)
 
 
 def _check_finite(problem: Problem, refitted: Fit) -> None:
@@ -389,6 +398,19 @@ def _unnamed(
     return found[0] if found else None
 
 
+def _pulsating(
+    problem: Problem, refitted: Fit, unnamed: Candidate | None, structure: Structure, settings: Settings
+) -> Candidate | None:
+    """Return what pulsates, where something surely does and it is better than a curve; else the curve."""
+    pulse = look_for_pulse(problem, refitted, structure, settings.random_state)
+    if pulse.p_value > SHARE * settings.alpha:
+        return unnamed
+    base = Candidate(refitted, problem.n_seen)
+    pulsating = _unnamed(problem, refitted, base, structure, settings, pulse.frequencies)
+    found = [c for c in (unnamed, pulsating) if c is not None]
+    return min(found, key=lambda c: c.criterion, default=None)
+
+
 def _explains(
     problem: Problem, base: Candidate, curve: Candidate, structure: Structure, settings: Settings
 ) -> bool:
@@ -443,6 +465,21 @@ def _stand_in(refitted: Fit, best: Candidate, leftover: _Leftover, alpha: float)
         for one, other in combinations(best.effects, 2)
     )
     return together and leftover.refutes(refitted.cost - best.fit.cost, BENT, alpha)
+
+
+def _left_by_several(
+    problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
+) -> tuple[Sign, ...]:
+    """Return what still follows the motion beside several names, where it does.
+
+    One name may be idealised. Where it takes two and that is not all, they stand in for something else.
+    """
+    if len(best.effects) < 2:
+        return ()
+    remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state)
+    taken_off = refitted.cost - best.fit.cost
+    speaking = remainder.speaking(SHARE * settings.alpha)
+    return tuple(sign for sign in speaking if sign.gain > BENT * (taken_off + sign.gain))
 
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Leftover, alpha: float) -> str:

@@ -6,10 +6,10 @@ import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.explain import Candidate, odd
+from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import is_a_change, is_one_law
+from narx_sklearn.discrepancy.lookalikes import is_one_law
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -24,7 +24,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
 
     What is no noise but has no name or curve is said to enter at the ``likeliest`` port.
     """
-    best, base = told(diagnosis), diagnosis.refitted
+    best, base = diagnosis.best, diagnosis.refitted
     if not best.effects:
         return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
     sure = intervals(diagnosis.problem, best.fit, level)
@@ -32,7 +32,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
     share = 1 - best.fit.cost / base.cost
     found = []
     for i, placed in enumerate(best.effects):
-        rivals = diagnosis.alternatives[i] if best is diagnosis.best else ()
+        rivals = diagnosis.alternatives[i]
         names = parameter_names(placed)
         rows = sure[at : at + placed.n_theta]
         at += placed.n_theta
@@ -87,16 +87,6 @@ def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Findin
         separate_by="; ".join(sign.to_try for sign in against),
         evidence={sign.kind: sign.p_value for sign in against},
     )
-
-
-def told(diagnosis: Diagnosis) -> Candidate:
-    """Return the fitted set of effects that the findings tell of: the named one or, if better, a curve."""
-    best, unnamed = diagnosis.best, diagnosis.unnamed
-    if not best.effects or diagnosis.verdict != "unknown" or unnamed is None:
-        return best
-    if odd(best) or is_a_change(unnamed, best):
-        return unnamed
-    return min((best, unnamed), key=lambda c: c.criterion)
 
 
 def _confidence(diagnosis: Diagnosis, best, i: int) -> float:

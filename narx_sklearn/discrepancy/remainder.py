@@ -60,6 +60,7 @@ class Sign(NamedTuple):
     words: str  # a sentence
     p_value: float
     frequencies: tuple[float, ...] = ()  # of a pulse and its images, Hz
+    gain: float = 0.0  # by how much the cost would fall with what it follows
 
     @property
     def to_try(self) -> str:
@@ -103,8 +104,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     leverage = _leverage(found, e)
     scores = _scores(problem, leverage, e)
     run = problem.run(model)
-    simulator = problem.simulator.with_effects(model.effects)
-    linear = tangent(simulator, run, problem.u, problem.windows, model.p)
+    linear = _tangent_along(problem, model, run)
     return Remainder(
         (
             _follows(problem, found, run, linear, e, structure, rng),
@@ -115,6 +115,19 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
             _together(problem, found, leverage, e),
         )
     )
+
+
+def look_for_pulse(problem: Problem, found: Fit, structure: Structure, random_state=None) -> Sign:
+    """Test whether what a fit leaves over follows a wave times a signal."""
+    run = problem.run(found.model)
+    linear = _tangent_along(problem, found.model, run)
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    return _pulse(problem, found, run, linear, e, structure, np.random.default_rng(random_state))
+
+
+def _tangent_along(problem: Problem, model: Model, run: Run) -> Tangent:
+    simulator = problem.simulator.with_effects(model.effects)
+    return tangent(simulator, run, problem.u, problem.windows, model.p)
 
 
 def _drifts(problem: Problem) -> list[np.ndarray]:
@@ -148,8 +161,8 @@ def _follows(
             products.append(blocks_of(columns[:, :, keep] * e[:, :, None], n_outputs, length))
             spreads.append(spectral_spread(columns[:, :, keep], e, n_outputs))
             words += [f"{c.words}, acting {where}" for c, kept in zip(chunk, keep, strict=True) if kept]
-    p, j = _largest(products, spreads, rng)
-    return Sign("follows", f"It depends on {words[j]}." if words else "", p)
+    p, j, t = _largest(products, spreads, rng)
+    return Sign("follows", f"It depends on {words[j]}." if words else "", p, gain=t**2)
 
 
 def _size_follows(problem: Problem, found: Fit, scores: np.ndarray, structure: Structure, rng) -> Sign:
@@ -167,25 +180,25 @@ def _size_follows(problem: Problem, found: Fit, scores: np.ndarray, structure: S
             products.append(blocks_of((column * z)[:, :, None], n_outputs, length))
             spreads.append(spectral_spread(column[:, :, None], z, n_outputs))
             words.append(f"on {output} depends on {candidate.words}")
-    p, j = _largest(products, spreads, rng)
+    p, j, _ = _largest(products, spreads, rng)
     return Sign("size", f"Its size {words[j]}." if words else "", p)
 
 
-def _largest(products: list[np.ndarray], spreads: list[np.ndarray], rng) -> tuple[float, int]:
-    """Return the p-value of the largest of many sums, and its place, by flips of the signs of blocks.
+def _largest(products: list[np.ndarray], spreads: list[np.ndarray], rng) -> tuple[float, int, float]:
+    """Return the p-value of the largest of many sums, its place and size, by flips of the signs of blocks.
 
     A sum is measured by the larger of two spreads: that of its blocks, which holds under unequal noise, and
     ``spreads``, which hold under whatever colour the whitening left.
     """
     if not products or not sum(p.shape[1] for p in products):
-        return 1.0, 0
+        return 1.0, 0, 0.0
     by_block, spread = np.hstack(products), np.concatenate(spreads)
     by_block = by_block[np.any(by_block != 0, axis=1)]
     own = np.sqrt(np.einsum("bj,bj->j", by_block, by_block))
     own[own == 0] = np.inf
     t = np.abs(by_block.sum(axis=0)) / np.maximum(own, spread)
     above = np.count_nonzero(flipped_maxima(by_block / own, DRAWS, rng) >= t.max() * (1 - 1e-9))
-    return (1.0 + above) / (1.0 + DRAWS), int(np.argmax(t))
+    return (1.0 + above) / (1.0 + DRAWS), int(np.argmax(t)), float(t.max())
 
 
 def spectral_spread(columns: np.ndarray, e: np.ndarray, n_outputs: int) -> np.ndarray:

@@ -60,6 +60,9 @@ def _what(dx) -> list[str]:
         if not finding.modelled:
             lines.append(f"   What would tell more: {finding.separate_by}.")
         lines.append("")
+    against = dx._diagnosis.against_noise
+    if against and any(finding.modelled for finding in dx.findings_):
+        lines += [" ".join(["What these leave is no noise.", *(sign.words for sign in against)]), ""]
     return lines
 
 

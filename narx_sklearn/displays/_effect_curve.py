@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.findings import told
 from narx_sklearn.discrepancy.locate import force_curve
 from narx_sklearn.displays._effect_force import effect_force, labels
 from narx_sklearn.displays._style import BLUE, GREY, VERMILION, import_pyplot
@@ -92,7 +91,7 @@ class EffectCurveDisplay:
             raise TypeError(
                 f"{type(estimator).__name__} holds no diagnosis; pass a fitted DiscrepancyRegressor."
             )
-        best = told(diagnosis)
+        best = diagnosis.best
         added = best.effects
         if not 0 <= effect < len(added):
             raise ValueError(

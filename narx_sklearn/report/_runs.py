@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices
-from narx_sklearn.discrepancy.findings import told
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.record import read_record
@@ -70,7 +69,7 @@ def gather(dx, X, y, sessions=None) -> Material:
             for piece in session_slices(sessions, len(u))
         ]
     )
-    candidate = told(diagnosis)
+    candidate = diagnosis.best
     return Material(
         diagnosis.problem.simulator,
         u,
