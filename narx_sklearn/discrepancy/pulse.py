@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.simulator import Run
 from narx_sklearn.discrepancy.structure import Structure
 
 FINER = 2  # times its own ordinates, that a spectrum is taken at: between them a line would lose six tenths
+COVERED = 0.5  # share of a record that windows must cover: those far apart know nothing of each other's phase
 DRAWS = 64  # of noise, from which the level of each ordinate is known
 NEAR = FINER * np.arange(2, 26)  # fine ordinates from a line: near enough for one level, far from its foot
 IMAGE = 0.5  # share of the highest line, above which another is tried too
@@ -40,7 +41,7 @@ def strongest_pulse(
     that port (Rao's score test, 1948). One run of the adjoint tells g, so all frequencies are tried at once.
     Each ordinate of the spectrum of q is compared with what it is for the same residual with other signs,
     which tells its level, and over that with its neighbours, which know of colour that whitening has left.
-    Slow changes are left to what changes once.
+    Slow changes are left to what changes once. None is returned where windows are far apart.
 
     Parameters
     ----------
@@ -52,19 +53,21 @@ def strongest_pulse(
         Whitened residual, projected.
     """
     places = [hypothesis.placed for hypothesis in line_hypotheses(problem.simulator, structure)]
+    rows = problem.rows[problem.inside]
+    begin, length = rows.min(), np.ptp(rows) + 1
+    if rows.size < COVERED * length:
+        return None
     flipped = e[:, :, None] * rng.choice([-1.0, 1.0], size=(*e.shape, DRAWS))
     flipped = out_of(found.jacobian, found.projector(flipped))
     gradients = gradients_by_force(problem, linear, np.concatenate([e[:, :, None], flipped], axis=2))
-    rows = problem.rows[problem.inside]
-    begin, length = rows.min(), np.ptp(rows) + 1
     n_tried, strongest = 0, None
     for placed in places:
         signal = problem.u[:, placed.port.index] if placed.port.kind == "input" else run.x @ placed.weights
         pushed = gradients[placed.port]
         if placed.reacts:
             pushed = pushed - placed.share * gradients[Port("state", placed.onward)]
-        product = np.zeros((length, pushed.shape[1]))
-        product[rows - begin] = np.nan_to_num(signal[rows, None] * pushed[rows])
+        product = np.zeros((length, pushed.shape[2]))
+        product[rows - begin] = np.nan_to_num(signal[rows, None] * pushed[problem.inside])
         power = np.abs(np.fft.rfft(product, FINER * length, axis=0))[FINER * SLOW : -1] ** 2
         ratio = power[:, 0] / np.maximum(power[:, 1:].mean(axis=1), 1e-300)
         n_tried += ratio.size
@@ -92,23 +95,22 @@ def _peaks(ratio: np.ndarray) -> np.ndarray:
 
 
 def gradients_by_force(problem: Problem, linear: Tangent, e: np.ndarray) -> dict[Port, np.ndarray]:
-    """Return how the fit would change with a small force in each sample, by its port, each (n_samples, n).
+    """Return how the fit would change with a small force in each sample, by its port, each (W, L, n).
 
     The adjoint of what small forces do to the outputs, of n whitened residuals e, (W, T, n). The noise is
     stationary, so whitening backwards is its own adjoint but for the ends of a window.
     """
-    n_samples, n_states = linear.A.shape[:2]
     n_windows, length = problem.rows.shape
-    n_inputs, n = linear.B.shape[2], e.shape[2]
+    n_states, n_inputs, n = linear.A.shape[1], linear.B.shape[2], e.shape[2]
     backwards = e.reshape(n_windows, length, -1, n)[:, ::-1]
     raw = np.stack([problem.noise.innovations(backwards[..., j])[:, ::-1] for j in range(n)], axis=3)
-    at_input, at_state = np.zeros((n_inputs, n_samples, n)), np.zeros((n_states, n_samples, n))
+    at_input, at_state = (np.zeros((m, n_windows, length, n)) for m in (n_inputs, n_states))
     ahead = np.zeros((n_windows, n_states, n))
     for step in reversed(range(length)):  # all windows abreast
         inside = problem.inside[:, step]
         k, r, after = problem.rows[inside, step], raw[inside, step], ahead[inside]
-        at_state[:, k] = np.moveaxis(_back(linear.G[k], after), 1, 0)
-        at_input[:, k] = np.moveaxis(_back(linear.B[k], after) + _back(linear.D[k], r), 1, 0)
+        at_state[:, inside, step] = np.moveaxis(_back(linear.G[k], after), 1, 0)
+        at_input[:, inside, step] = np.moveaxis(_back(linear.B[k], after) + _back(linear.D[k], r), 1, 0)
         ahead = np.zeros_like(ahead)
         ahead[inside] = np.nan_to_num(_back(linear.C[k], r) + _back(linear.A[k], after))
     found = {Port("input", j): at_input[j] for j in range(n_inputs)}
