@@ -115,8 +115,8 @@ def test_a_parameter_that_pulsates_is_told_and_modelled(rhs, depth, port, size):
     assert found.verdict_ == "unknown"
     (finding,) = found.findings_
     assert (finding.effect, finding.title, finding.port) == ("unknown", "a parameter that pulsates", port)
-    assert finding.parameters["frequency"] == pytest.approx(HERTZ, abs=5e-3)
+    assert finding.parameters["f"] == pytest.approx(HERTZ, abs=5e-3)
     assert np.hypot(finding.parameters["a"], finding.parameters["b"]) == pytest.approx(size, rel=0.1)
-    assert finding.units["frequency"] == "Hz"
+    assert finding.units["f"] == "Hz"
     refitted, augmented = (s.simulate(u) for s in (found.refitted_simulator_, found.simulator_))
     assert np.std(moved - augmented) < 0.5 * np.std(moved - refitted)

@@ -106,7 +106,7 @@ def pulse_hypotheses(simulator: Simulator, structure: Structure, frequencies: tu
     frequencies : (float, float)
         Between which it does, Hz; it begins in the middle.
     """
-    frequency = (EffectParameter("frequency", "Hz", *frequencies),)
+    frequency = (EffectParameter("f", "Hz", *frequencies),)
     equation = "(a cos(2 pi f t) + b sin(2 pi f t)) x"
     return [
         _unnamed(PULSE, equation, ["a", "b"], frequency, _pulsating, port, argument, unit)
