@@ -220,7 +220,7 @@ class _Judgement(NamedTuple):
     best: Candidate
     alternatives: tuple[tuple[Candidate, ...], ...]
     unnamed: Candidate | None
-    stand_in: bool = False  # two look-alikes for a law that is neither
+    stand_in: bool = False  # names for a law that is none of them
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and several names leave
 
 

@@ -51,7 +51,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
                 rivals=tuple(in_short(_rivals(c, best)) for c in rivals),
                 p_value=diagnosis.p_missing,
-                confidence=_confidence(diagnosis, best, i),
+                confidence=_confidence(diagnosis, i),
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
                 during=placed.during if placed.passes else None,
@@ -89,11 +89,12 @@ def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Findin
     )
 
 
-def _confidence(diagnosis: Diagnosis, best, i: int) -> float:
+def _confidence(diagnosis: Diagnosis, i: int) -> float:
     """Return the weight of this effect among all that were tried in its place, from the criterion.
 
     A share is left to what no catalogue holds, however well a name fits.
     """
+    best = diagnosis.best
     place = best.effects[i].place
     kept = {e.place for e in best.effects if e.place != place}
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}

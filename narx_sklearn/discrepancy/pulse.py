@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from narx_sklearn.discrepancy.bank import out_of
-from narx_sklearn.discrepancy.detect import SLOW, exceeded
+from narx_sklearn.discrepancy.detect import FINER, SLOW, exceeded
 from narx_sklearn.discrepancy.generic import line_hypotheses
 from narx_sklearn.discrepancy.locate import Tangent
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -15,7 +15,6 @@ from narx_sklearn.discrepancy.refit import Fit
 from narx_sklearn.discrepancy.simulator import Run
 from narx_sklearn.discrepancy.structure import Structure
 
-FINER = 2  # times its own ordinates, that a spectrum is taken at: between them a line would lose six tenths
 COVERED = 0.5  # share of a record that windows must cover: those far apart know nothing of each other's phase
 DRAWS = 64  # of noise, from which the level of each ordinate is known
 NEAR = FINER * np.arange(2, 26)  # fine ordinates from a line: near enough for one level, far from its foot

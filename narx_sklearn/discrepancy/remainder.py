@@ -108,7 +108,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     return Remainder(
         (
             _follows(problem, found, run, linear, e, structure, rng),
-            _size_follows(problem, found, scores, structure, rng),
+            _size_follows(problem, run, scores, structure, rng),
             _in_bursts(problem, scores, e, rng),
             _line(problem, e),
             _pulse(problem, found, run, linear, e, structure, rng),
@@ -165,11 +165,11 @@ def _follows(
     return Sign("follows", f"It depends on {words[j]}." if words else "", p, gain=t**2)
 
 
-def _size_follows(problem: Problem, found: Fit, scores: np.ndarray, structure: Structure, rng) -> Sign:
+def _size_follows(problem: Problem, run: Run, scores: np.ndarray, structure: Structure, rng) -> Sign:
     """Test the size of the innovations against the motion."""
     n_outputs = problem.y.shape[1]
     length = block_length(scores.shape[0], scores.shape[1] // n_outputs)
-    candidates = followed(problem, problem.run(found.model), structure, COARSE, BEFORE, past=1)
+    candidates = followed(problem, run, structure, COARSE, BEFORE, past=1)
     products, spreads, words = [], [], []
     for i, output in enumerate(problem.simulator.outputs):
         z = np.zeros_like(scores)
