@@ -50,17 +50,18 @@ def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool,
     is held against both: a sensor is off from the first sample on, where a drift has yet to come. So is what
     is no better than one (``as_offset``).
     """
-    if not _is_of_a_sensor(effect):
+    if not is_of_a_sensor(effect):
         return (True,)
     return (False, True) if as_offset or effect.effect.code == OFFSET else (False,)
 
 
 def is_slow(effect: PlacedEffect) -> bool:
     """Tell whether an effect is a drift of an output, an offset or a load, as slow as noise may be."""
-    return _is_of_a_sensor(effect) or effect.effect.code in (OFFSET, LOAD)
+    return is_of_a_sensor(effect) or effect.effect.code in (OFFSET, LOAD)
 
 
-def _is_of_a_sensor(effect: PlacedEffect) -> bool:
+def is_of_a_sensor(effect: PlacedEffect) -> bool:
+    """Tell whether an effect is a drift or an offset of an output, which noise of that output may be."""
     return effect.port.kind == "output" and effect.effect.code in (DRIFT, OFFSET)
 
 

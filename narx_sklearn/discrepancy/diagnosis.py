@@ -9,9 +9,10 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, n_shapes
+from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, is_of_a_sensor, n_shapes
 from narx_sklearn.discrepancy.explain import (
     FINE,
+    HARDLY,
     ODD,
     Candidate,
     Step,
@@ -27,10 +28,10 @@ from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
     REFINES,
     declared_rival,
+    exchanges,
     is_a_change,
     likeliest,
     look_alikes,
-    special_cases,
 )
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS
@@ -60,6 +61,7 @@ ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 SHARE = 0.5  # of alpha, for what has no name
 SUSPECT = 0.05  # level at which a pair's remainder counts as something
+EXCHANGES = 2  # members of a set that may be exchanged
 
 
 @dataclass(frozen=True)
@@ -232,10 +234,7 @@ def _named(
     if not pool or steps[0].detection.p_value > settings.alpha:
         return None
     settings.tell("rivals and unnamed curves")
-    best = likeliest(pool, refitted.cost)
-    if len(best.effects) > 1:
-        pool += special_cases(problem, best, [c for c in pool if len(c.effects) == 1])
-        best = likeliest(pool, refitted.cost)
+    best = _likeliest_set(problem, pool, refitted.cost)
     best = ranked(problem, converged(problem, best), pool)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1]
@@ -245,6 +244,22 @@ def _named(
         alone = _judged(problem, refitted, single, pool, steps, structure, settings)
         return alone if alone.verdict != "unknown" else found
     return found
+
+
+def _likeliest_set(problem: Problem, pool: list[Candidate], unexplained: float) -> Candidate:
+    """Return the likeliest set, once the members of the leading one were exchanged for what fits as well.
+
+    The sets that come of it join the pool.
+    """
+    best = likeliest(pool, unexplained)
+    for _ in range(EXCHANGES):
+        sets = [c for c in pool if len(c.effects) > 1 and c.criterion <= best.criterion + HARDLY]
+        others = exchanges(problem, likeliest(sets, unexplained), pool) if sets else []
+        if not others:
+            break
+        pool += others
+        best = likeliest(pool, unexplained)
+    return best
 
 
 def _judged(
@@ -435,10 +450,14 @@ class _Leftover(NamedTuple):
 
 
 def _leftover(problem: Problem, best: Candidate, structure: Structure, settings: Settings) -> _Leftover:
-    """Test what the named set leaves, and return what the best further column or curve would take."""
+    """Test what the named set leaves, and return what the best further column or curve would take.
+
+    A drift or an offset of an output does not count: the search held it against noise that drifts.
+    """
     curves = _curves(problem, best.fit, structure)
     hypotheses = hypotheses_of(problem, best.fit, structure, settings)
-    named = [h for h in hypotheses if h.placed.place not in best.places]
+    new = [h for h in hypotheses if h.placed.place not in best.places]
+    named = [h for h in new if not is_of_a_sensor(h.placed)]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain
@@ -497,7 +516,7 @@ def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Le
         return "unknown"  # a parameter of the simulator's own has changed
     if unnamed is not None and odd(best) and unnamed.criterion < best.criterion + ODD:
         return "unknown"  # a name from elsewhere says no more than the curve does
-    if unnamed is not None and unnamed.criterion < best.criterion:
+    if unnamed is not None and unnamed.criterion < best.criterion - HARDLY:
         # one curve that does visibly better than two names has them stand in for it
         tolerated = REFINES if several else UNEXPLAINED
         if best.fit.cost - unnamed.fit.cost > tolerated * (refitted.cost - unnamed.fit.cost):

@@ -263,9 +263,10 @@ def search(
 ) -> list[Step]:
     """Add effects one after another while the test finds something left; return the steps taken.
 
-    The best few sets of each depth are carried on, since one effect can mask another, and every set found is
-    tried without each of its older members. Beside another effect, before or after it, none is named at a
-    place where one does not meet it. ``known`` are single effects that were fitted before.
+    The best few sets of each depth are carried on, since one effect can mask another, also where nothing that
+    is added to the best takes what it leaves; every set found is tried without each of its older members.
+    Beside another effect, before or after it, none is named at a place where one does not meet it. ``known``
+    are single effects that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -282,17 +283,21 @@ def search(
             bank = bank.without_columns()
             if dominated and not candidate.effects:
                 detection = _left_to_the_fits(detection)
-            silent = detection.p_value > alpha or len(candidate.effects) >= max_effects
-            placed = [] if rank == 0 and silent else leaders(bank, n_leaders, detection, alpha)
+            full = len(candidate.effects) >= max_effects
+            silent = rank == 0 and detection.p_value > alpha
+            placed = [] if full or silent else leaders(bank, n_leaders, detection, alpha)
             before = () if candidate.effects else known
             found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=before)
             found = [c for c in found if c.criterion < candidate.criterion]
-            if rank == 0:
+            first = not pool  # and must be more than noise
+            if first:
                 detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
+            if rank == 0:
                 steps.append(Step(detection, bank, pool))
-                if detection.p_value > alpha or not found:
+                if detection.p_value > alpha or (not found and (full or len(beam) == 1)):
                     return steps
-            pool += found
+            if not first or detection.p_value <= alpha:
+                pool += found
         pool.sort(key=lambda c: c.criterion)
         if pool and pool[0].effects[:-1]:
             pool += without_each(problem, pool[0])

@@ -1,11 +1,12 @@
 """A force of unknown shape: what physics outside the catalogue would look like.
 
-A broken line through a few knots competes with the named effects at every port, and a polynomial in position
-and rate wherever something moves. When one explains clearly more than any of them, something is missing that
-has no name here, and its curve is already drawn.
+A broken line through a few knots competes with the named effects at every port; wherever something moves,
+a polynomial in position and rate does, and one in which an input's gain depends on them. When one explains
+clearly more than any of the names, something is missing that has none, and its curve is already drawn.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -18,22 +19,27 @@ from narx_sklearn.physics.effects import Effect, EffectParameter
 from narx_sklearn.physics.effects._series import time_since
 
 KNOTS = 7
-CURVE, SURFACE, LINE, PULSE = "unnamed_curve", "unnamed_surface", "unnamed_line", "unnamed_pulse"
-UNNAMED = (CURVE, SURFACE, LINE, PULSE)
+CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
+LINE, PULSE = "unnamed_line", "unnamed_pulse"
+UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     SURFACE: "a force of position and rate that the catalogue does not hold",
+    DRIVEN: "a law of position, rate and input that the catalogue does not hold",
     LINE: "a parameter that changed",
     PULSE: "a parameter that pulsates",
 }
 SENTENCES = {
     CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
     SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
+    DRIVEN: "What is moved here takes up its forces in another way at another position or rate, as where its "
+    "inertia changes.",
     LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
     PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
     "parameter pulsated. When it does is known for this recording only.",
 }
 MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
+OF_INPUT = ("ux", "ux2", "uv", "uv2")
 
 
 @njit(nogil=True, cache=True)
@@ -52,7 +58,19 @@ def _broken_line(value, theta):
 @njit(nogil=True, cache=True)
 def _surface(argument, rate, own, second, time, step, z, theta, dz):
     """Return the polynomial of second and third degree in position and rate, in units of their sizes."""
-    x, v = argument / theta[7], rate / theta[8]
+    return _polynomial(argument / theta[7], rate / theta[8], theta)
+
+
+@njit(nogil=True, cache=True)
+def _driven_surface(argument, rate, own, second, time, step, z, theta, dz):
+    """Return the same, and an input's gain of second degree in position and rate."""
+    x, v, u = argument / theta[11], rate / theta[12], second / theta[13]
+    gain = theta[7] * x + theta[8] * x * x + theta[9] * v + theta[10] * v * v
+    return _polynomial(x, v, theta) + gain * u
+
+
+@njit(nogil=True, cache=True)
+def _polynomial(x, v, theta):
     squares = theta[0] * x * x + theta[1] * x * v + theta[2] * v * v
     return squares + theta[3] * x**3 + theta[4] * x * x * v + theta[5] * x * v * v + theta[6] * v**3
 
@@ -146,7 +164,10 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
             found.append(_at(port, argument, x @ np.array(argument.weights)))
         if structure.partner[i] >= 0:
             for argument in arguments("position", i, simulator, structure):
-                found.append(_of_motion(port, argument, x @ np.array(argument.weights), simulator.dt))
+                position = x @ np.array(argument.weights)
+                found.append(_of_motion(port, argument, position, simulator.dt))
+                for j in np.flatnonzero(structure.inputs[i]).tolist():
+                    found.append(_driven(port, argument, position, simulator, j, u[:, j]))
     return [hypothesis for hypothesis in found if hypothesis is not None]
 
 
@@ -163,16 +184,40 @@ def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None
 
 
 def _of_motion(port: Port, argument: Argument, position: np.ndarray, dt: float) -> Hypothesis | None:
-    speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
-    sizes = np.ptp(position) / 2, np.quantile(speed, 0.98) if speed.size else 0.0
+    sizes = _sizes_of_motion(position, dt)
     if not min(sizes) > 0:
         return None
-    fixed = tuple(
-        EffectParameter(name, unit, size, size)
-        for name, unit, size in zip(("size of x", "size of v"), ("{arg}", "{arg}/s"), sizes, strict=True)
-    )
     equation = "f(x, v), of second and third degree"
-    return _unnamed(SURFACE, equation, MONOMIALS, fixed, _surface, port, argument)
+    return _unnamed(SURFACE, equation, MONOMIALS, _fixed(sizes), _surface, port, argument)
+
+
+def _driven(
+    port: Port, argument: Argument, position: np.ndarray, simulator: Simulator, j: int, drive: np.ndarray
+) -> Hypothesis | None:
+    finite = np.abs(drive[np.isfinite(drive)])
+    sizes = *_sizes_of_motion(position, simulator.dt), float(finite.max(initial=0.0))
+    if not min(sizes) > 0:
+        return None
+    equation = "f(x, v) + u g(x, v), of second and third degree"
+    found = _unnamed(
+        DRIVEN, equation, (*MONOMIALS, *OF_INPUT), _fixed(sizes), _driven_surface, port, argument
+    )
+    name, unit = simulator.inputs[j]
+    weights = tuple(float(k == j) for k in range(len(simulator.inputs) + len(simulator.states)))
+    driven = replace(found.placed, second=weights, second_name=name, second_unit=unit)
+    return found._replace(placed=driven)
+
+
+def _sizes_of_motion(position: np.ndarray, dt: float) -> tuple[float, float]:
+    speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
+    return float(np.ptp(position)) / 2, float(np.quantile(speed, 0.98)) if speed.size else 0.0
+
+
+def _fixed(sizes: tuple[float, ...]) -> tuple[EffectParameter, ...]:
+    kinds = ("size of x", "{arg}"), ("size of v", "{arg}/s"), ("size of u", "{second}")
+    return tuple(
+        EffectParameter(name, unit, size, size) for (name, unit), size in zip(kinds, sizes, strict=False)
+    )
 
 
 def _unnamed(

@@ -18,7 +18,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 MAX_EFFECTS = 4  # effects that act at state equations at the same time
-MAX_THETA = 12  # parameters of one effect; the last one is the share that spills onward
+MAX_THETA = 16  # parameters of one effect; the last one is the share that spills onward
 SPILL = MAX_THETA - 1
 MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
 AT_ONCE = 1e-6  # of a step

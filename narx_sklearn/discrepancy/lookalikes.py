@@ -25,10 +25,11 @@ SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     """Return the best candidate; among those that the criterion cannot tell apart, the most natural one.
 
-    Where the best holds another as a special case, hardly worse, that one is enough; so it is where the best
-    needs more parameters and adds next to nothing to what it explains, since forms are idealised and strong
-    effects show it. Else natural is an effect made for the unit of its argument (gravity for an angle), if
-    the data tell its parameters apart (gravity at one angle is a constant load), then fewer parameters.
+    Where the best holds another as a special case, hardly worse, that one is enough, unless only the best is
+    at home there; so it is where the best needs more parameters and adds next to nothing to what it explains,
+    since forms are idealised and strong effects show it. Else natural is an effect made for the unit of its
+    argument (gravity for an angle, where it is at home), if the data tell its parameters apart (gravity at
+    one angle is a constant load), then fewer parameters.
 
     Parameters
     ----------
@@ -49,8 +50,11 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         return c.criterion <= best.criterion + HARDLY + _unpaid(best, c) or is_enough
 
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
-    # two pairs may hold each other
-    alike = [c for c in near if not any(_holds(special, c) for special in near)] or near
+
+    def is_spared(c: Candidate) -> bool:
+        return any(_holds(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
+
+    alike = [c for c in near if not is_spared(c)] or near  # two pairs may hold each other
     if not any(c is best for c in alike):
         return likeliest(alike, unexplained)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
@@ -68,34 +72,49 @@ def _unpaid(best: Candidate, special: Candidate) -> float:
 
 
 def _at_home(candidate: Candidate) -> bool:
-    last = candidate.effects[-1]
-    return last.effect.argument_units == (last.argument_unit,) and _told_apart(candidate)
+    """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart."""
+    first = candidate.fit.model.p.size
+    for effect in candidate.effects:
+        own = slice(first, first + effect.n_theta)
+        if effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own):
+            return True
+        first = own.stop
+    return False
 
 
-def _told_apart(candidate: Candidate) -> bool:
-    """Tell whether the last effect's parameters change the run in ways of their own."""
-    n = candidate.effects[-1].n_theta
+def _told_apart(candidate: Candidate, own: slice) -> bool:
+    """Tell whether an effect's parameters change the run in ways of their own."""
+    n = own.stop - own.start
     J = candidate.fit.jacobian
-    columns = out_of(J[:, :, :-n], J[:, :, -n:]).reshape(-1, n)
+    others = np.concatenate([J[:, :, : own.start], J[:, :, own.stop :]], axis=2)
+    columns = out_of(others, J[:, :, own]).reshape(-1, n)
     length = np.linalg.norm(columns, axis=0)
     if not np.all(length > 0):
         return False
     return bool(np.linalg.eigvalsh(columns.T @ columns / np.outer(length, length))[0] > ONE_WAY)
 
 
-def special_cases(problem: Problem, best: Candidate, singles: list[Candidate]) -> list[Candidate]:
-    """Return a set refitted with single effects in the places of members that hold them as special cases.
+def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
+    """Return a set refitted with other single effects of a pool in the places of its members.
 
-    The set was built on whichever stood first alone, and that may be the more general one.
+    The set was built on whichever stood first alone: the more general of two, or one of several that fitted
+    equally well. Special cases of a member are tried, simpler look-alikes, and what alone was hardly worse.
     """
+    singles = [c for c in pool if len(c.effects) == 1]
+    known = {frozenset(c.places) for c in (best, *pool)}
     found = []
     for i, member in enumerate(best.effects):
         others = (*best.effects[:i], *best.effects[i + 1 :])
-        taken = {effect.place for effect in others}
-        for single in (c.effects[0] for c in singles):
-            is_special = single.effect.code in member.effect.holds and single.port == member.port
-            if is_special and single.place not in taken:
-                model = best.fit.model._replace(effects=(*others, single))
+        alone = min((c.criterion for c in singles if member.place in c.places), default=-np.inf)
+        for single in singles:
+            (effect,) = single.effects
+            simpler = effect.n_theta < member.n_theta and effect.effect.code in member.effect.lookalikes
+            near = abs(single.criterion - alone) <= HARDLY
+            apt = effect.effect.code in member.effect.holds or simpler or near
+            places = frozenset({effect.place, *(other.place for other in others)})
+            if apt and effect.port == member.port and len(places) > len(others) and places not in known:
+                known.add(places)
+                model = best.fit.model._replace(effects=(*others, effect))
                 found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
 
