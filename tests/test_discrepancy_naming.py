@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, verify
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, explain, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked, refit_leaders
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
@@ -337,6 +337,40 @@ class TestLookAlikes:
         assert [e.effect.code for e in simpler.effects] == ["constant_load", "coulomb_friction"]
         assert likeliest([pair, simpler], unexplained) is simpler
 
+    def springs(self, base, problem, unit="rad"):
+        """Return a cubic spring and gravity, each fitted, of equal criterion."""
+        found = []
+        for code, theta in (("cubic_stiffness", (0.01,)), ("gravity", (0.1, 0.3))):
+            at = PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=theta, argument_unit=unit)
+            found.append(Candidate(fit(problem, base.model._replace(effects=(at,))), problem.n_seen))
+        cubic, gravity = found
+        cost = cubic.fit.cost * np.exp((cubic.price - gravity.price) / problem.n_seen)
+        return cubic, Candidate(gravity.fit._replace(cost=cost), gravity.n_samples)
+
+    @pytest.mark.parametrize("hardly", [True, False])
+    def test_a_member_of_a_set_is_exchanged_for_what_alone_fitted_hardly_worse(self, hardly):
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+        cubic, gravity = self.springs(base, problem)
+        further = np.exp((0.5 if hardly else 2.0) * HARDLY / problem.n_seen)
+        gravity = Candidate(gravity.fit._replace(cost=further * gravity.fit.cost), problem.n_seen)
+        offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+        elsewhere = Candidate(fit(problem, base.model._replace(effects=(offset,))), problem.n_seen)
+        elsewhere = Candidate(elsewhere.fit._replace(cost=cubic.fit.cost), problem.n_seen)
+        model = base.model._replace(effects=(*cubic.effects, friction(0.3)))
+        pair = Candidate(fit(problem, model), problem.n_seen)
+        found = exchanges(problem, pair, [cubic, gravity, elsewhere])
+        codes = [[effect.effect.code for effect in other.effects] for other in found]
+        assert codes == [["coulomb_friction", "gravity"]] * hardly
+
+    @pytest.mark.parametrize(("unit", "named"), [("rad", "gravity"), ("m", "cubic_stiffness")])
+    def test_what_fits_the_unit_of_its_argument_is_not_given_up_for_its_special_case(self, unit, named):
+        turning = PlacedEffect(CATALOGUE["gravity"], Port("state", 1), (1.0, 0.0), theta=(0.3, 0.2))
+        problem, start = axis_problem([turning])
+        base = fit(problem, start)
+        cubic, gravity = self.springs(base, problem, unit)
+        assert likeliest([cubic, gravity], 2 * base.cost).effects[0].effect.code == named
+
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)
         pairs = []
@@ -494,6 +528,31 @@ def position_damping(x, u, p):
 
 def growing_inertia(x, u, p):
     return x[1], (p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]) / (1.0 + 0.002 * x[0] * x[0])
+
+
+def test_where_nothing_added_to_the_best_takes_what_it_leaves_sets_are_built_on_the_next(monkeypatch):
+    problem, start = axis_problem([friction(0.3), friction(0.05, "quadratic_drag")])
+    base = fit(problem, start)
+    structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
+    asked = [CATALOGUE[code] for code in ("coulomb_friction", "quadratic_drag", "stribeck_friction")]
+
+    def hypotheses(found):
+        return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+
+    singles = []
+
+    def barren_beside_the_first(problem, base, placed, n_jobs=None, **options):
+        if base.model.effects and base.model.effects[0].place == singles[0].effects[0].place:
+            return []
+        found = refit_leaders(problem, base, placed, n_jobs, **options)
+        singles.extend(found)
+        return found
+
+    monkeypatch.setattr(explain, "refit_leaders", barren_beside_the_first)
+    steps = explain.search(problem, base, hypotheses, alpha=0.01, max_effects=3, n_leaders=8, random_state=0)
+    best = min(steps[1].candidates, key=lambda c: c.criterion)
+    assert best.effects[0].place == singles[1].effects[0].place != singles[0].effects[0].place
+    assert best.criterion < singles[0].criterion - HARDLY
 
 
 class TestUnnamedForces:

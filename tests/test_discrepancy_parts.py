@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
-from narx_sklearn.discrepancy.inference import covariance, intervals
+from narx_sklearn.discrepancy.inference import confidence_in_nothing, covariance, intervals
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
@@ -369,3 +369,15 @@ class TestIntervals:
         textbook = np.linalg.inv(flat.T @ flat) * found.cost / problem.n_seen
         ratio = np.sqrt(np.diag(covariance(problem, found)) / np.diag(textbook))
         np.testing.assert_allclose(ratio, 1.0, atol=0.25)
+
+    @pytest.mark.parametrize(
+        ("p_value", "least"), [(0.1, 0.385), (0.05, 0.289), (0.01, 0.111), (0.005, 0.067)]
+    )
+    def test_the_least_probability_that_there_is_nothing_is_that_of_sellke_bayarri_and_berger(
+        self, p_value, least
+    ):
+        assert confidence_in_nothing(p_value) == pytest.approx(least, abs=5e-4)  # their table 1
+
+    def test_a_large_p_value_leaves_even_odds_and_none_leaves_nothing(self):
+        assert [confidence_in_nothing(p) for p in (1.0, 0.5)] == [0.5, 0.5]
+        assert confidence_in_nothing(0.0) < 1e-290

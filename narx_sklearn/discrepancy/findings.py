@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import is_one_law
+from narx_sklearn.discrepancy.lookalikes import is_one_law, unpaid
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -103,7 +103,8 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
         others = [e for e in candidate.effects if e.place not in kept]
         if len(candidate.effects) == len(best.effects) and len(others) == 1 and others[0].place != place:
             one_law = is_one_law(best, others[0])
-            worse = 0.0 if one_law else max(candidate.criterion - best.criterion, 0.0)
+            price = unpaid(candidate, best)  # of shapes that the data do not feel
+            worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
             code = others[0].effect.code
             weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
     return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())

@@ -46,6 +46,19 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     return np.column_stack([q - width, q + width])
 
 
+def confidence_in_nothing(p_value: float) -> float:
+    r"""Return the least probability, after a test, that there is nothing, at even odds before it.
+
+    .. math:: \left(1 + \frac{1}{-e\, p \ln p}\right)^{-1}, \qquad p < 1/e
+
+    A p-value speaks no more against it than that (Sellke, Bayarri and Berger 2001, The American Statistician
+    55(1), eq. 3); a larger one leaves the odds as they were.
+    """
+    p_value = max(p_value, 1e-300)
+    factor = -np.e * p_value * np.log(p_value) if p_value < 1 / np.e else 1.0
+    return float(factor / (1.0 + factor))
+
+
 def parameters_moved(problem: Problem, fit: Fit, random_state=None) -> float:
     """Return the p-value of the test that the nominal parameters are right, from the fit made with them."""
     columns, residual = fit.jacobian, fit.residual

@@ -40,19 +40,19 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     fewer = min((c.fit.cost for c in candidates if len(c.effects) < len(best.effects)), default=unexplained)
 
     def is_near(c: Candidate) -> bool:
-        if not _holds(c, best):
+        if not is_special_case(c, best):
             return c.criterion <= best.criterion + ALIKE
         added = c.fit.cost - best.fit.cost
         is_simpler = c.fit.model.q.size < best.fit.model.q.size
         common = c.places & best.places
         before = min((o.fit.cost for o in candidates if o.places == common), default=fewer)
         is_enough = is_simpler and added <= REFINES * (before - c.fit.cost)
-        return c.criterion <= best.criterion + HARDLY + _unpaid(best, c) or is_enough
+        return c.criterion <= best.criterion + HARDLY + unpaid(best, c) or is_enough
 
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
 
     def is_spared(c: Candidate) -> bool:
-        return any(_holds(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
+        return any(is_special_case(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
 
     alike = [c for c in near if not is_spared(c)] or near  # two pairs may hold each other
     if not any(c is best for c in alike):
@@ -60,8 +60,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
 
 
-def _unpaid(best: Candidate, special: Candidate) -> float:
-    """Return the price of the parameters that a set has beyond its special case and did not pay for.
+def unpaid(best: Candidate, special: Candidate) -> float:
+    """Return the price of the parameters that a set has beyond a simpler one and did not pay for.
 
     Tangents feel nothing of a fall of friction at no speed at all; what it takes off the cost nevertheless,
     at some stop of the motion, it took by having been fitted.
@@ -133,10 +133,10 @@ def is_one_law(best: Candidate, rival: PlacedEffect) -> bool:
     return any(rival.effect.code in e.effect.same_law and rival.port == e.port for e in best.effects)
 
 
-def _holds(best: Candidate, other: Candidate) -> bool:
-    """Tell whether what stands in another's place becomes it at an edge of its parameters."""
-    mine = {e.effect.code for e in best.effects} - {e.effect.code for e in other.effects}
-    return any(code in e.effect.holds for e in other.effects for code in mine)
+def is_special_case(special: Candidate, general: Candidate) -> bool:
+    """Tell whether what stands in the place of one becomes it at an edge of its parameters."""
+    mine = {e.effect.code for e in special.effects} - {e.effect.code for e in general.effects}
+    return any(code in e.effect.holds for e in general.effects for code in mine)
 
 
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
@@ -193,7 +193,7 @@ def look_alikes(
         extra = other.fit.model.q.size - best.fit.model.q.size
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
-        if declared and _holds(best, other) and apart < SAME * max(extra, 1) * unit:
+        if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
             cost = _least_cost(
                 problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
             )

@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
-from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.location import locate
 from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.record import read_inputs, read_record
@@ -117,7 +117,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     p_value_ : float
         Of the test that nothing is missing.
     confidence_ : float
-        Weight of the first finding among all that were tried in its place; without any, that none is there.
+        Weight of the first finding among all that were tried in its place; without any, the least probability
+        that nothing is missing, had the odds been even before the test.
     noise_ : dict
         Estimated noise: standard deviation and colour of each output.
     data_findings_ : list of DataFinding
@@ -515,7 +516,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 strict=True,
             )
         }
-        self.confidence_ = self.findings_[0].confidence if self.findings_ else 1.0 - diagnosis.p_missing
+        nothing = confidence_in_nothing(diagnosis.p_missing)
+        self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         if self.findings_ and self._harms(held_out):
