@@ -1,9 +1,12 @@
 """Is what is left over noise? False alarms under noise of many colours, and one positive for every sign."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
+from scipy.stats import rankdata
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.followed import followed, response
@@ -12,7 +15,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.remainder import Remainder, Sign, look_at_remainder
+from narx_sklearn.discrepancy.remainder import Remainder, Sign, _in_bursts, look_at_remainder
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 
@@ -167,6 +170,25 @@ class TestSigns:
         times = [float(t.split()[0]) for t in sign.words.split(" round ")[1].split(", ")]
         # the first is hidden by the initial state of the window that it opens
         assert all(min(abs(t - k * DT) for t in times) < 0.5 for k in struck[1:])
+
+    def test_faint_blows_are_clearer_on_all_outputs_at_once(self):
+        rng = np.random.default_rng(0)
+        struck = np.repeat(rng.random(N // 10) < 0.1, 10)  # bursts of ten samples, for a tenth of the time
+        e = rng.normal(size=(N, 2)) * np.where(struck, 1.5, 1.0)[:, None]
+        scores = -np.log1p(-rankdata(np.abs(e), axis=0) / (N + 1))
+        scores = (scores - scores.mean(axis=0)) / scores.std(axis=0)
+
+        def sign(*names):
+            records = SimpleNamespace(
+                simulator=SimpleNamespace(outputs=names, dt=DT), rows=np.arange(N)[None]
+            )
+            which = [["current", "speed"].index(name) for name in names]
+            flat = (signal[:, which].reshape(1, -1) for signal in (scores, e))
+            return _in_bursts(records, *flat, np.random.default_rng(1))
+
+        both = sign("current", "speed")
+        assert "on all outputs at once" in both.words
+        assert both.p_value < min(sign("current").p_value, sign("speed").p_value) / 2
 
     def test_a_hum_is_a_line_at_its_frequency(self):
         rng = np.random.default_rng(5)

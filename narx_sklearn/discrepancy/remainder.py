@@ -297,12 +297,19 @@ def _scores(problem: Problem, leverage: np.ndarray, e: np.ndarray) -> np.ndarray
 def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign:
     """Test whether large innovations come together, against the same ones in any order.
 
-    Of few orders first, and of many only where few of those do as much (Besag and Clifford 1991).
+    On each output, and on all at once: what acts inside is felt by several. Of few orders first, and of many
+    only where few of those do as much (Besag and Clifford 1991).
     """
-    n_outputs = problem.y.shape[1]
-    places = {i: np.flatnonzero(scores[:, i::n_outputs]) for i in range(n_outputs)}
-    own = {i: scores[:, i::n_outputs].ravel()[place] for i, place in places.items()}
-    own = {i: z for i, z in own.items() if _lengths(z)}
+    names = [str(output) for output in problem.simulator.outputs]
+    scores, e = scores.reshape(-1, len(names)), e.reshape(-1, len(names))
+    if len(names) > 1:
+        names.append("all outputs at once")
+        counted = np.all(scores != 0, axis=1)
+        scores = np.column_stack([scores, np.where(counted, scores.sum(axis=1), 0.0)])
+        typical = np.median(np.abs(e), axis=0)
+        e = np.column_stack([e, np.linalg.norm(e / np.where(typical > 0, typical, 1.0), axis=1)])
+    places = [np.flatnonzero(column) for column in scores.T]
+    own = {i: scores[place, i] for i, place in enumerate(places) if _lengths(place)}
     if not own:
         return Sign("bursts", "", 1.0)
     drawn = {i: np.empty((0, len(_lengths(z)))) for i, z in own.items()}
@@ -318,9 +325,8 @@ def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign
         above = np.count_nonzero(largest >= found[loudest])
         if above >= ENOUGH:
             break
-    when = _when(problem, e[:, loudest::n_outputs].ravel()[places[loudest]], places[loudest])
-    told = f"It comes in bursts on {problem.simulator.outputs[loudest]}{when}."
-    return Sign("bursts", told, (1.0 + above) / (1.0 + draws))
+    when = _when(problem, e[places[loudest], loudest], places[loudest])
+    return Sign("bursts", f"It comes in bursts on {names[loudest]}{when}.", (1.0 + above) / (1.0 + draws))
 
 
 def _lengths(z: np.ndarray) -> list[int]:
