@@ -338,38 +338,38 @@ class TestLookAlikes:
         assert likeliest([pair, simpler], unexplained) is simpler
 
     def springs(self, base, problem, unit="rad"):
-        """Return a cubic spring and gravity, each fitted, of equal criterion."""
+        """Return a spring softer one way and gravity, each fitted, of equal criterion."""
         found = []
-        for code, theta in (("cubic_stiffness", (0.01,)), ("gravity", (0.1, 0.3))):
+        for code, theta in (("quadratic_stiffness", (0.01,)), ("gravity", (0.1, 0.3))):
             at = PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=theta, argument_unit=unit)
             found.append(Candidate(fit(problem, base.model._replace(effects=(at,))), problem.n_seen))
-        cubic, gravity = found
-        cost = cubic.fit.cost * np.exp((cubic.price - gravity.price) / problem.n_seen)
-        return cubic, Candidate(gravity.fit._replace(cost=cost), gravity.n_samples)
+        spring, gravity = found
+        cost = spring.fit.cost * np.exp((spring.price - gravity.price) / problem.n_seen)
+        return spring, Candidate(gravity.fit._replace(cost=cost), gravity.n_samples)
 
     @pytest.mark.parametrize("hardly", [True, False])
     def test_a_member_of_a_set_is_exchanged_for_what_alone_fitted_hardly_worse(self, hardly):
         problem, start = axis_problem([friction(0.3)])
         base = fit(problem, start)
-        cubic, gravity = self.springs(base, problem)
+        spring, gravity = self.springs(base, problem)
         further = np.exp((0.5 if hardly else 2.0) * HARDLY / problem.n_seen)
         gravity = Candidate(gravity.fit._replace(cost=further * gravity.fit.cost), problem.n_seen)
         offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
         elsewhere = Candidate(fit(problem, base.model._replace(effects=(offset,))), problem.n_seen)
-        elsewhere = Candidate(elsewhere.fit._replace(cost=cubic.fit.cost), problem.n_seen)
-        model = base.model._replace(effects=(*cubic.effects, friction(0.3)))
+        elsewhere = Candidate(elsewhere.fit._replace(cost=spring.fit.cost), problem.n_seen)
+        model = base.model._replace(effects=(*spring.effects, friction(0.3)))
         pair = Candidate(fit(problem, model), problem.n_seen)
-        found = exchanges(problem, pair, [cubic, gravity, elsewhere])
+        found = exchanges(problem, pair, [spring, gravity, elsewhere])
         codes = [[effect.effect.code for effect in other.effects] for other in found]
         assert codes == [["coulomb_friction", "gravity"]] * hardly
 
-    @pytest.mark.parametrize(("unit", "named"), [("rad", "gravity"), ("m", "cubic_stiffness")])
+    @pytest.mark.parametrize(("unit", "named"), [("rad", "gravity"), ("m", "quadratic_stiffness")])
     def test_what_fits_the_unit_of_its_argument_is_not_given_up_for_its_special_case(self, unit, named):
         turning = PlacedEffect(CATALOGUE["gravity"], Port("state", 1), (1.0, 0.0), theta=(0.3, 0.2))
         problem, start = axis_problem([turning])
         base = fit(problem, start)
-        cubic, gravity = self.springs(base, problem, unit)
-        assert likeliest([cubic, gravity], 2 * base.cost).effects[0].effect.code == named
+        spring, gravity = self.springs(base, problem, unit)
+        assert likeliest([spring, gravity], 2 * base.cost).effects[0].effect.code == named
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

@@ -263,10 +263,11 @@ def search(
 ) -> list[Step]:
     """Add effects one after another while the test finds something left; return the steps taken.
 
-    The best few sets of each depth are carried on, since one effect can mask another, also where nothing that
-    is added to the best takes what it leaves; every set found is tried without each of its older members.
-    Beside another effect, before or after it, none is named at a place where one does not meet it. ``known``
-    are single effects that were fitted before.
+    The best few sets of each depth are carried on, since one effect can mask another, and every set found is
+    tried without each of its older members. Where something is left, but nothing that is added to the best
+    set takes it, the next best is built on, and the best without each of its older members (a floating
+    search: Pudil, Novovicova and Kittler 1994). Beside another effect, before or after it, none is named at
+    a place where one does not meet it. ``known`` are single effects that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -294,7 +295,9 @@ def search(
                 detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
-                if detection.p_value > alpha or (not found and (full or len(beam) == 1)):
+                if detection.p_value <= alpha and not found:  # then a member may be wrong
+                    beam += without_each(problem, candidate)
+                if detection.p_value > alpha or (not found and len(beam) == 1):
                     return steps
             if not first or detection.p_value <= alpha:
                 pool += found

@@ -97,8 +97,9 @@ def _told_apart(candidate: Candidate, own: slice) -> bool:
 def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
     """Return a set refitted with other single effects of a pool in the places of its members.
 
-    The set was built on whichever stood first alone: the more general of two, or one of several that fitted
-    equally well. Special cases of a member are tried, simpler look-alikes, and what alone was hardly worse.
+    The set was built on whichever stood first alone: the more general of two, one of several that fitted
+    equally well, or what went best with something that is no member any more. Special cases of a member are
+    tried, what the catalogue calls its look-alikes, and what alone was hardly worse.
     """
     singles = [c for c in pool if len(c.effects) == 1]
     known = {frozenset(c.places) for c in (best, *pool)}
@@ -108,9 +109,8 @@ def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[
         alone = min((c.criterion for c in singles if member.place in c.places), default=-np.inf)
         for single in singles:
             (effect,) = single.effects
-            simpler = effect.n_theta < member.n_theta and effect.effect.code in member.effect.lookalikes
-            near = abs(single.criterion - alone) <= HARDLY
-            apt = effect.effect.code in member.effect.holds or simpler or near
+            related = effect.effect.code in (*member.effect.holds, *member.effect.lookalikes)
+            apt = related or abs(single.criterion - alone) <= HARDLY
             places = frozenset({effect.place, *(other.place for other in others)})
             if apt and effect.port == member.port and len(places) > len(others) and places not in known:
                 known.add(places)
