@@ -237,6 +237,16 @@ class TestPlaces:
             placed = placements(CATALOGUE["coulomb_friction"], simulator, self.structure_of(simulator))
             assert [p.odd for p in placed] == [odd]
 
+    def test_a_spring_of_a_speed_is_odd_where_no_position_goes_with_it(self):
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        spring = CATALOGUE["cubic_stiffness"]
+        for state, odd in (("speed [rad/s]", True), ("position [m]", True), ("value", False)):
+            simulator = ODESimulator(tank, states=[state], **made)
+            assert [p.odd for p in placements(spring, simulator, self.structure_of(simulator))] == [odd]
+        simulator = make_axis()
+        placed = placements(spring, simulator, self.structure_of(simulator))
+        assert [p.odd for p in placed if p.port == Port("state", 1)] == [False]
+
     def test_friction_may_grow_with_whatever_drives_the_motion(self):
         def drive(x, u, p):
             twist = p[1] * (x[0] - x[2]) + p[2] * (x[1] - x[3])

@@ -172,11 +172,14 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     """Tell whether an effect is of another kind of machine than a state equation.
 
     Motion is a state that another one integrates, or one counted per second; without units all is possible.
+    A spring needs a position, which a speed alone does not have.
     """
-    unit = simulator.states[i].unit
-    moves = structure.partner[i] >= 0 or unit.endswith("/s") or not unit
+    unit, placed = simulator.states[i].unit, structure.partner[i] >= 0
+    moves = placed or unit.endswith("/s") or not unit
+    is_spring = effect.argument == "position" and unit.endswith("/s") and not placed
     # lost motion is met at inputs, drift at sensors
-    return effect.code in ("backlash", "additive_drift") or (effect.code in OF_MOTION and not moves)
+    misplaced = effect.code in ("backlash", "additive_drift")
+    return misplaced or (effect.code in OF_MOTION and (is_spring or not moves))
 
 
 def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):

@@ -95,26 +95,26 @@ def _told_apart(candidate: Candidate, own: slice) -> bool:
 
 
 def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
-    """Return a set refitted with other single effects of a pool in the places of its members.
+    """Return a set refitted with other effects of a pool in the places of its members.
 
     The set was built on whichever stood first alone: the more general of two, one of several that fitted
     equally well, or what went best with something that is no member any more. Special cases of a member are
     tried, what the catalogue calls its look-alikes, and what alone was hardly worse.
     """
-    singles = [c for c in pool if len(c.effects) == 1]
+    alone = {c.effects[0].place: c.criterion for c in reversed(pool) if len(c.effects) == 1}
+    others = {effect.place: effect for c in reversed(pool) for effect in c.effects}
     known = {frozenset(c.places) for c in (best, *pool)}
     found = []
     for i, member in enumerate(best.effects):
-        others = (*best.effects[:i], *best.effects[i + 1 :])
-        alone = min((c.criterion for c in singles if member.place in c.places), default=-np.inf)
-        for single in singles:
-            (effect,) = single.effects
-            related = effect.effect.code in (*member.effect.holds, *member.effect.lookalikes)
-            apt = related or abs(single.criterion - alone) <= HARDLY
-            places = frozenset({effect.place, *(other.place for other in others)})
-            if apt and effect.port == member.port and len(places) > len(others) and places not in known:
+        kept = (*best.effects[:i], *best.effects[i + 1 :])
+        for place, other in others.items():
+            related = other.effect.code in (*member.effect.holds, *member.effect.lookalikes)
+            as_good = abs(alone.get(place, np.inf) - alone.get(member.place, -np.inf)) <= HARDLY
+            places = frozenset({place, *(effect.place for effect in kept)})
+            is_new = len(places) > len(kept) and places not in known
+            if other.port == member.port and (related or as_good) and is_new:
                 known.add(places)
-                model = best.fit.model._replace(effects=(*others, effect))
+                model = best.fit.model._replace(effects=(*kept, other))
                 found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
 
