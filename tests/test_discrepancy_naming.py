@@ -540,29 +540,51 @@ def growing_inertia(x, u, p):
     return x[1], (p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]) / (1.0 + 0.002 * x[0] * x[0])
 
 
-def test_where_nothing_added_to_the_best_takes_what_it_leaves_sets_are_built_on_the_next(monkeypatch):
-    problem, start = axis_problem([friction(0.3), friction(0.05, "quadratic_drag")])
-    base = fit(problem, start)
-    structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
-    asked = [CATALOGUE[code] for code in ("coulomb_friction", "quadratic_drag", "stribeck_friction")]
+class TestSearch:
+    @pytest.fixture
+    def found(self, monkeypatch):
+        """Return a search of Coulomb friction and drag in which some sets find nothing beside them."""
 
-    def hypotheses(found):
-        return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+        def search(is_barren, first=("coulomb_friction", "quadratic_drag", "stribeck_friction")):
+            problem, start = axis_problem([friction(0.3), friction(0.05, "quadratic_drag")])
+            base = fit(problem, start)
+            structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
 
-    singles = []
+            def hypotheses(found):
+                codes = ("coulomb_friction", "quadratic_drag") if found.model.effects else first
+                asked = [CATALOGUE[code] for code in codes]
+                return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
 
-    def barren_beside_the_first(problem, base, placed, n_jobs=None, **options):
-        if base.model.effects and base.model.effects[0].place == singles[0].effects[0].place:
-            return []
-        found = refit_leaders(problem, base, placed, n_jobs, **options)
-        singles.extend(found)
-        return found
+            singles = []
 
-    monkeypatch.setattr(explain, "refit_leaders", barren_beside_the_first)
-    steps = explain.search(problem, base, hypotheses, alpha=0.01, max_effects=3, n_leaders=8, random_state=0)
-    best = min(steps[1].candidates, key=lambda c: c.criterion)
-    assert best.effects[0].place == singles[1].effects[0].place != singles[0].effects[0].place
-    assert best.criterion < singles[0].criterion - HARDLY
+            def sometimes_barren(problem, base, placed, n_jobs=None, **options):
+                if singles and is_barren(base.model.effects, singles):
+                    return []
+                found = refit_leaders(problem, base, placed, n_jobs, **options)
+                singles.extend(found)
+                return found
+
+            monkeypatch.setattr(explain, "refit_leaders", sometimes_barren)
+            limits = {"alpha": 0.01, "max_effects": 3, "n_leaders": 8}
+            return explain.search(problem, base, hypotheses, random_state=0, **limits), singles
+
+        return search
+
+    def test_where_nothing_added_to_the_best_takes_what_it_leaves_sets_are_built_on_the_next(self, found):
+        steps, singles = found(lambda effects, singles: effects[0].place == singles[0].effects[0].place)
+        best = min(steps[1].candidates, key=lambda c: c.criterion)
+        assert best.effects[0].place == singles[1].effects[0].place != singles[0].effects[0].place
+        assert best.criterion < singles[0].criterion - HARDLY
+
+    def test_a_set_that_is_stuck_is_tried_without_its_older_members(self, found, monkeypatch):
+        monkeypatch.setattr(explain, "BEAM", 1)
+
+        def is_barren(effects, singles):
+            return len(effects) > 1 and effects[0].effect.code == "bouc_wen_hysteresis"
+
+        steps, _ = found(is_barren, first=("bouc_wen_hysteresis",))
+        best = min((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+        assert {effect.effect.code for effect in best.effects} == {"coulomb_friction", "quadratic_drag"}
 
 
 class TestUnnamedForces:

@@ -295,10 +295,10 @@ def search(
                 detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
-                if detection.p_value <= alpha and not found:  # then a member may be wrong
-                    beam += without_each(problem, candidate)
-                if detection.p_value > alpha or (not found and len(beam) == 1):
+                if detection.p_value > alpha:
                     return steps
+                if not found:  # one of them may be wrong: looked at after the rest of the beam
+                    beam += without_each(problem, candidate)
             if not first or detection.p_value <= alpha:
                 pool += found
         pool.sort(key=lambda c: c.criterion)
