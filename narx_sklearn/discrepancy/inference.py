@@ -1,5 +1,7 @@
 """How sure: intervals of the parameters, and whether they moved at all."""
 
+import math
+
 import numpy as np
 from scipy.stats import norm
 
@@ -55,7 +57,7 @@ def confidence_in_nothing(p_value: float) -> float:
     55(1), eq. 3); a larger one leaves the odds as they were.
     """
     p_value = max(p_value, 1e-300)
-    factor = -np.e * p_value * np.log(p_value) if p_value < 1 / np.e else 1.0
+    factor = -math.e * p_value * np.log(p_value) if p_value < 1 / math.e else 1.0
     return float(factor / (1.0 + factor))
 
 
