@@ -613,7 +613,7 @@ class TestUnnamedForces:
             code = hypothesis.placed.effect.code
             costs[code] = min(found.cost, costs.get(code, np.inf))
         assert {code for code, cost in costs.items() if cost < 1.1 * problem.n_seen} == fitting
-        assert min(cost for code, cost in costs.items() if code not in fitting) > 2.0 * problem.n_seen
+        assert min(cost for code, cost in costs.items() if code not in fitting) > 2.2 * problem.n_seen
 
 
 def test_an_effect_may_name_look_alikes_that_nobody_registered():

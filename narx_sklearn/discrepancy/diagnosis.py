@@ -456,8 +456,7 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
     """
     curves = _curves(problem, best.fit, structure)
     hypotheses = hypotheses_of(problem, best.fit, structure, settings)
-    new = [h for h in hypotheses if h.placed.place not in best.places]
-    named = [h for h in new if not is_of_a_sensor(h.placed)]
+    named = [h for h in hypotheses if not (h.placed.place in best.places or is_of_a_sensor(h.placed))]
     bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain

@@ -28,14 +28,12 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
     if not best.effects:
         return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
     sure = intervals(diagnosis.problem, best.fit, level)
-    at = best.fit.model.p.size
     share = 1 - best.fit.cost / base.cost
     found = []
-    for i, placed in enumerate(best.effects):
+    for i, (placed, own) in enumerate(zip(best.effects, best.fit.model.theirs, strict=True)):
         rivals = diagnosis.alternatives[i]
         names = parameter_names(placed)
-        rows = sure[at : at + placed.n_theta]
-        at += placed.n_theta
+        rows = sure[own]
         found.append(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from narx_sklearn.discrepancy.hypotheses import Argument, Hypothesis, arguments, placed_at
+from narx_sklearn.discrepancy.hypotheses import Argument, Hypothesis, arguments, placed_at, weights_of
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.structure import Structure
@@ -203,7 +203,7 @@ def _driven(
         DRIVEN, equation, (*MONOMIALS, *OF_INPUT), _fixed(sizes), _driven_surface, port, argument
     )
     name, unit = simulator.inputs[j]
-    weights = tuple(float(k == j) for k in range(len(simulator.inputs) + len(simulator.states)))
+    weights = weights_of(len(simulator.inputs) + len(simulator.states), {j: 1.0})
     driven = replace(found.placed, second=weights, second_name=name, second_unit=unit)
     return found._replace(placed=driven)
 

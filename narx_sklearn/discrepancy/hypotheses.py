@@ -163,7 +163,7 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
     for before in np.flatnonzero(structure.kinematic & structure.states[:, i]).tolist():
         if structure.states[before].sum() == 1 and simulator.free_states[before]:
             name, unit = simulator.states[i]
-            weights = _weights(len(simulator.states), {i: 1 / simulator.dt, before: -1 / simulator.dt})
+            weights = weights_of(len(simulator.states), {i: 1 / simulator.dt, before: -1 / simulator.dt})
             rate = Argument(weights, f"rate of {name}", tidy_unit(f"{unit}/s") if unit else "")
             yield replace(placed_at(effect, Port("state", i), rate), inertial=True)
 
@@ -174,12 +174,12 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     Motion is a state that another one integrates, or one counted per second; without units all is possible.
     A spring needs a position, which a speed alone does not have.
     """
-    unit, placed = simulator.states[i].unit, structure.partner[i] >= 0
-    moves = placed or unit.endswith("/s") or not unit
-    is_spring = effect.argument == "position" and unit.endswith("/s") and not placed
+    unit, has_position = simulator.states[i].unit, structure.partner[i] >= 0
+    moves = has_position or unit.endswith("/s") or not unit
+    lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
     # lost motion is met at inputs, drift at sensors
     misplaced = effect.code in ("backlash", "additive_drift")
-    return misplaced or (effect.code in OF_MOTION and (is_spring or not moves))
+    return misplaced or (effect.code in OF_MOTION and (lacks_position or not moves))
 
 
 def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
@@ -199,7 +199,7 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
         yield (), "", ""
     for j in columns:
         if placed.port != Port("input", j):
-            yield _weights(n_inputs + n_states, {j: 1.0}), *simulator.inputs[j]
+            yield weights_of(n_inputs + n_states, {j: 1.0}), *simulator.inputs[j]
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
             yield (*[0.0] * n_inputs, *weights), name, unit
@@ -218,7 +218,7 @@ def _neighbours(i: int, simulator: Simulator, structure: Structure):
     taken = own.union(*opposed.values())
     for j in np.flatnonzero(structure.states[i]).tolist():
         if j not in taken:
-            yield _weights(len(simulator.states), {j: 1.0}), *simulator.states[j]
+            yield weights_of(len(simulator.states), {j: 1.0}), *simulator.states[j]
 
 
 def _onward(placed: PlacedEffect, structure: Structure) -> list[int]:
@@ -247,15 +247,15 @@ def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> 
     n = len(simulator.states)
     partner = structure.partner[i]
     if kind == "none":
-        yield Argument(_weights(n, {i: 1.0}), *simulator.states[i])
+        yield Argument(weights_of(n, {i: 1.0}), *simulator.states[i])
         return
     if kind == "any":
         for j in range(n):
             if not (structure.kinematic[j] and simulator.discrete):
-                yield Argument(_weights(n, {j: 1.0}), *simulator.states[j])
+                yield Argument(weights_of(n, {j: 1.0}), *simulator.states[j])
         return
     own = i if kind == "own" or partner < 0 else partner
-    yield Argument(_weights(n, {own: 1.0}), *simulator.states[own])
+    yield Argument(weights_of(n, {own: 1.0}), *simulator.states[own])
     for j in _opposed(i, own, simulator, structure):
         back, ratio = _pushed_back(i, own, j, structure)
         if back < 0:
@@ -301,10 +301,11 @@ def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> li
 def _stretch(own: int, j: int, simulator: Simulator) -> tuple[tuple[float, ...], str, str]:
     """Return (weights, name, unit) of how far a state is ahead of a neighbour's."""
     name = f"{simulator.states[own].name} - {simulator.states[j].name}"
-    return _weights(len(simulator.states), {own: 1.0, j: -1.0}), name, simulator.states[own].unit
+    return weights_of(len(simulator.states), {own: 1.0, j: -1.0}), name, simulator.states[own].unit
 
 
-def _weights(n: int, entries: dict) -> tuple[float, ...]:
+def weights_of(n: int, entries: dict) -> tuple[float, ...]:
+    """Return a weighted sum of n signals as its weights, zero but for the entries."""
     weights = [0.0] * n
     for index, value in entries.items():
         weights[index] = value

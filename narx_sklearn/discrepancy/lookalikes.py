@@ -51,10 +51,10 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
 
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
 
-    def is_spared(c: Candidate) -> bool:
+    def is_given_up(c: Candidate) -> bool:
         return any(is_special_case(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
 
-    alike = [c for c in near if not is_spared(c)] or near  # two pairs may hold each other
+    alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if not any(c is best for c in alike):
         return likeliest(alike, unexplained)
     return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
@@ -73,13 +73,10 @@ def unpaid(best: Candidate, special: Candidate) -> float:
 
 def _at_home(candidate: Candidate) -> bool:
     """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart."""
-    first = candidate.fit.model.p.size
-    for effect in candidate.effects:
-        own = slice(first, first + effect.n_theta)
-        if effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own):
-            return True
-        first = own.stop
-    return False
+    return any(
+        effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own)
+        for effect, own in zip(candidate.effects, candidate.fit.model.theirs, strict=True)
+    )
 
 
 def _told_apart(candidate: Candidate, own: slice) -> bool:
@@ -143,12 +140,12 @@ def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, st
     """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted."""
     if effect.effect.amplitude is None:
         return np.inf
-    effects, own = candidate.effects, candidate.fit.model.p.size
+    effects = candidate.effects
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
-    first = own + sum(e.n_theta for e in effects[:at])
+    own = candidate.fit.model.theirs[at]
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
-    free[first : first + effect.n_theta] = False
-    free[first + effect.effect.amplitude] = True
+    free[own] = False
+    free[own.start + effect.effect.amplitude] = True
     costs = []
     for theta in starts:
         model = candidate.fit.model._replace(effects=(*effects[:at], effect.at(theta), *effects[at + 1 :]))

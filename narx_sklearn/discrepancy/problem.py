@@ -6,6 +6,7 @@ All tensors have one axis of windows and one of samples times outputs, padded wi
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +30,16 @@ class Model(NamedTuple):
         """All global parameters: the simulator's own, then the effects'."""
         return np.concatenate([self.p, *(np.array(e.theta, dtype=float) for e in self.effects)])
 
+    @property
+    def theirs(self) -> tuple[slice, ...]:
+        """Where each effect's parameters stand among all."""
+        ends = np.cumsum([self.p.size, *(e.n_theta for e in self.effects)]).tolist()
+        return tuple(slice(first, stop) for first, stop in pairwise(ends))
+
     def with_q(self, q: np.ndarray) -> "Model":
         """Return the model with other global parameters."""
-        at, effects = self.p.size, []
-        for effect in self.effects:
-            effects.append(effect.at(q[at : at + effect.n_theta]))
-            at += effect.n_theta
-        return self._replace(p=q[: self.p.size], effects=tuple(effects))
+        effects = tuple(e.at(q[own]) for e, own in zip(self.effects, self.theirs, strict=True))
+        return self._replace(p=q[: self.p.size], effects=effects)
 
 
 @dataclass
