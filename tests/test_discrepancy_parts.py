@@ -169,6 +169,23 @@ class TestFit:
         assert found.cost <= before
         assert found.model.effects[0].theta[0] >= 0.0  # nothing rubs here, and friction cannot push
 
+    @pytest.mark.parametrize(("code", "kind"), [("input_saturation", "input"), ("sensor_clip", "output")])
+    def test_levels_come_in_rising_order_whichever_way_they_were_given(self, code, kind):
+        last = (0.1,) if code == "input_saturation" else ()
+        effect = PlacedEffect(CATALOGUE[code], Port(kind, 0))
+        size = 1.0 if kind == "input" else 0.1
+        true = make_stage(1.1, 0.7, 11.0).with_effects([effect.at((-3.0 * size, 2.0 * size, *last))])
+        problem, model = make_problem(seed=4, true=true)
+        up, down = (
+            fit(problem, model._replace(effects=(effect.at((*ends, *last)),)))
+            for ends in ((-2.5 * size, 2.2 * size), (2.2 * size, -2.5 * size))
+        )
+        low, high = down.model.effects[0].theta[:2]
+        assert low < high
+        np.testing.assert_allclose(down.model.q, up.model.q, rtol=1e-6)
+        np.testing.assert_allclose(down.jacobian, up.jacobian, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(np.abs(down.steps), np.abs(up.steps), rtol=1e-6)
+
     def test_missing_outputs_do_not_count(self):
         problem, model = make_problem(seed=3)
         y = problem.y.copy()

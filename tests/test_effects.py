@@ -879,6 +879,13 @@ class TestStarts:
         for code in ("input_saturation", "input_polynomial", "dead_zone"):
             assert CATALOGUE[code].starts(two).size == 0
 
+    def test_a_saturation_that_hardly_bends_its_ends_is_near_a_start(self):
+        """Far from where it is at home, all else must move before a fit of it gets anywhere."""
+        signal = wideband()
+        starts = CATALOGUE["input_saturation"].starts(setting_of(signal))
+        bent = [np.abs(transformed("input_saturation", signal, theta) - signal).max() for theta in starts]
+        assert 0.001 < min(bent) / np.ptp(signal) < 0.01
+
     def test_a_small_angle_shows_no_weight(self):
         small = setting_of(0.004 * wideband(), own=wideband(seed=1))
         assert CATALOGUE["gravity"].starts(small).size == 0

@@ -119,6 +119,13 @@ class PlacedEffect:
         own = self.weights[self.port.index]
         return own - self.theta[-1] * self.weights[self.onward] if own and self.onward >= 0 else own
 
+    @property
+    def rising(self) -> np.ndarray:
+        """The order of ``theta`` in which its levels rise, (n_theta,)."""
+        order, levels = np.arange(self.n_theta), np.array(self.effect.levels, dtype=int)
+        order[levels] = levels[np.argsort(np.array(self.theta)[levels], kind="stable")]
+        return order
+
     def added(self, dt: float) -> float:
         """Return how much of its force is added to the port in one evaluation."""
         return dt**2 if self.inertial else 1.0

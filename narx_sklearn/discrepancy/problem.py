@@ -36,6 +36,12 @@ class Model(NamedTuple):
         ends = np.cumsum([self.p.size, *(e.n_theta for e in self.effects)]).tolist()
         return tuple(slice(first, stop) for first, stop in pairwise(ends))
 
+    @property
+    def rising(self) -> np.ndarray:
+        """The order of all parameters in which each effect's levels rise, (n_q,)."""
+        parts = [own.start + e.rising for e, own in zip(self.effects, self.theirs, strict=True)]
+        return np.concatenate([np.arange(self.p.size), *parts])
+
     def with_q(self, q: np.ndarray) -> "Model":
         """Return the model with other global parameters."""
         effects = tuple(e.at(q[own]) for e, own in zip(self.effects, self.theirs, strict=True))

@@ -166,7 +166,9 @@ def fit(
         converged = previous - cost <= tolerance * previous
         if not (rough and (done >= iterations or converged)):
             steps, projector, J_full, J = tangents()
-    return Fit(model, cost, r, J, projector, steps, converged, done)
+    order = model.rising
+    model = model.with_q(model.q[order])
+    return Fit(model, cost, r, J[:, :, order], projector, steps[order], converged, done)
 
 
 def fit_free_run(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Model:

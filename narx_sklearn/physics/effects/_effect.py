@@ -85,6 +85,9 @@ class Effect:
         feed is nothing (NaN), or an input of the state equation that stands in the argument's place.
     amplitude : int or None
         Index of the parameter that scales the whole effect; None when no parameter does.
+    levels : tuple of int
+        Indices of the parameters that are levels between which the signal is kept, whichever is the higher:
+        a fit returns them in rising order.
     n_memory : int
         States of its own.
     jumps : bool
@@ -147,6 +150,7 @@ class Effect:
     argument: str = "own"
     second: str | None = None
     amplitude: int | None = 0
+    levels: tuple[int, ...] = ()
     n_memory: int = 0
     jumps: bool = False
     after: bool = False

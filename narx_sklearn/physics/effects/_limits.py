@@ -11,6 +11,7 @@ from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
 NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
+BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
@@ -30,12 +31,19 @@ def _saturation_transform(signal, second, dt, theta, first):
 
 
 def _saturation_starts(setting: Setting) -> np.ndarray:
-    """Both levels or one alone, with a narrow knee; levels that only just show, and a gradual loss."""
+    """Both levels or one alone, with a narrow knee; levels that only just show; a gradual loss."""
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     rows = np.column_stack([_levels(setting), np.full(5, NARROW * (highest - lowest))])
-    beginning = [lowest, highest, BEGINNING * (highest - lowest)]
+    beginning = [
+        [
+            lowest - far * (highest - lowest),
+            highest + far * (highest - lowest),
+            BEGINNING * (highest - lowest),
+        ]
+        for far in BEYOND
+    ]
     gradual = [*quantiles(setting.argument, [0.1, 0.9]), WIDE * (highest - lowest)]
-    return telling(setting, np.vstack([rows, beginning, gradual]), _saturation_transform)
+    return telling(setting, np.vstack([rows, *beginning, gradual]), _saturation_transform)
 
 
 def _clip_transform(signal, second, dt, theta, first):
@@ -166,6 +174,7 @@ LIMITS = (
         transform=_saturation_transform,
         output_port=False,
         amplitude=None,
+        levels=(0, 1),
         lookalikes=("sensor_clip", "input_polynomial", "cubic_stiffness", "rate_limit", "bilinear_input"),
         separate_by="an amplitude ladder",
         source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
@@ -213,6 +222,7 @@ LIMITS = (
         transform=_clip_transform,
         input_port=False,
         amplitude=None,
+        levels=(0, 1),
         lookalikes=("input_saturation", "overflow"),
         scan=_clip_scan,
         separate_by="counting values at the flat top, and timing the fall after it",
