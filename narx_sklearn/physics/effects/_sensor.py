@@ -39,7 +39,7 @@ def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarr
     """
     signal, n = setting.argument, setting.argument.size
     size, reach = spread(signal), float(np.max(np.abs(signal), initial=0.0))
-    if size == 0 or not np.all(np.isfinite(residual)):
+    if size == 0 or not np.all(np.isfinite(residual) & np.isfinite(signal)):
         return np.empty((0, 1)), 0
     level = np.round((signal / reach + 1.0) * (LEVELS // 2)).astype(np.int64)
     gathered = np.bincount(level, residual - residual.mean(), LEVELS + 1)[:LEVELS]
