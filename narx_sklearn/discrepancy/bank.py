@@ -7,8 +7,8 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import Fit, all_bounds
 
 TANGENT = 1e-2  # share of an ordinary size that is injected
 INVISIBLE = 1e-6  # squared share of a column left after projection, below which it says nothing of its own
@@ -123,6 +123,31 @@ def effect_column(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> np.
     strength = [*[1.0] * len(fit.model.effects), TANGENT]
     moved = problem.run(fit.model._replace(effects=effects), strength)
     return np.nan_to_num(problem.whiten(moved.y - base.y) / TANGENT, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def entered(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> Model:
+    """Return a fitted model with one more effect, all else moved as the tangents say where that leaves less.
+
+    At full strength at once an effect may throw the run far from the recording, although the simulator's own
+    parameters would take most of it.
+    """
+    effects = (*fit.model.effects, placed)
+    as_it_was = fit.model._replace(effects=effects)
+    if not fit.model.q.size:
+        return as_it_was
+    column = fit.projector(effect_column(problem, fit, base, placed)).ravel()
+    J = fit.jacobian.reshape(column.size, -1)
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0] = 1.0
+    taken = np.linalg.lstsq(J / size, column, rcond=1e-9)[0] / size
+    lower, upper = all_bounds(problem, fit.model).T
+    moved = fit.model.with_q(np.clip(fit.model.q - taken, lower, upper))
+
+    def left(model: Model) -> float:
+        residual = problem.residual(problem.run(model))
+        return float(np.sum(fit.projector(residual) ** 2)) if np.isfinite(residual).all() else np.inf
+
+    return min(as_it_was, moved._replace(effects=(*moved.effects, placed)), key=left)
 
 
 def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[np.ndarray, int]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
+from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import (
     OFFSET,
     chance_of_noise,
@@ -210,11 +210,10 @@ def refit_leaders(
     before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
     places = dict.fromkeys(effect.place for effect in placed)
     models = [before[place] for place in places if place in before]
-    models += [
-        base.model._replace(effects=(*base.model.effects, effect))
-        for effect in placed
-        if effect.place not in before
-    ]
+    run = problem.run(base.model)
+    models += Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(entered)(problem, base, run, effect) for effect in placed if effect.place not in before
+    )
     left_behind: list[Candidate] = []
     for iterations, most in ROUNDS:
         found = _once_each(round_of(models, iterations))
