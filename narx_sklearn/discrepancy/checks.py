@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.mistakes import (
     Agreement,
     Case,
     Mistake,
-    agreement,
+    agreement_at_best,
     find_mistakes,
     make_case,
 )
@@ -261,7 +261,7 @@ def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:
 
 def _other_units(simulator: Simulator, case: Case, scaled: Agreement) -> list[DataFinding]:
     """Return findings where only another scale or a large offset makes the output agree."""
-    plain = agreement(case, scaled=False)
+    plain = agreement_at_best(case, scaled=False)
     if plain is None or not scaled.error < min(DECISIVE * plain.error, 0.5):
         return []
     found = []

@@ -40,17 +40,18 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder, look_for_pulse
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
-from narx_sklearn.discrepancy.start import fit_initial_states, guess_states
+from narx_sklearn.discrepancy.start import fit_initial_states, guess_states, states_along
 from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.twin import TwinSimulator
-from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, spread_out, window_length
+from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, followed_for, spread_out, window_length
 
 UNEXPLAINED = 0.1  # share of what could be explained that named effects may leave to anything else
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
+SHORTER = (4, 2)  # parts of a window, over which a machine is fitted first
 FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 AGAIN = 2  # diagnoses after the first, for the same reason
@@ -79,6 +80,7 @@ class Diagnosis:
     p_moved: float
     steps: tuple[Step, ...]
     time_constant: float
+    followed_for: float  # samples for which a run follows the machine; infinite where nothing grows
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
@@ -111,9 +113,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
-    whole = Windows.whole([piece for piece, _ in pieces])
-    known = simulator.known_states(u, y, whole.first)
-    x = simulator.run(u, whole, np.where(np.isfinite(known), known, 0.0)).x
+    x = states_along(simulator, u, y, pieces)
     inside = np.isfinite(x).all(axis=1)
     if not inside.any():
         raise ValueError(
@@ -133,9 +133,17 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     spread = np.nanstd(y, axis=0)
     problem = Problem(simulator, u, y, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
     settings.tell("fit of the simulator's own parameters")
-    nominal = fit_initial_states(problem, guess_states(simulator, u, y, windows, structure, x))
+    x0 = guess_states(simulator, u, y, windows, structure, x)
+    nominal = fit_initial_states(problem, x0)
     refitted = fit(problem, nominal.model)
-    if settings.window is None and not pace.forgets:
+    if settings.window is None:
+        lengths = [max(length // share, shortest) for share in SHORTER]
+        refitted = min(
+            refitted,
+            _grown(problem, [spread_out(cut(pieces, n, shortest)) for n in lengths], structure, x),
+            key=lambda found: found.cost,
+        )
+    if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     _check_finite(problem, refitted)
@@ -164,7 +172,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     p_missing = steps[0].detection.p_value if steps else 1.0
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(_left_over(problem, nominal.residual) <= rounding)
-    p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, settings.random_state)
+    p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
     nothing = "refit" if p_moved <= settings.alpha else "consistent"
     named = named or _Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
     verdict, best, alternatives, unnamed, _, against_noise = named
@@ -195,6 +203,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         p_moved,
         tuple(steps),
         pace.time_constant,
+        followed_for(simulator, pace),
         stretches,
         twin_misses_more,
         against_noise,
@@ -312,19 +321,46 @@ def _centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
     return problem, found
 
 
+def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np.ndarray) -> Fit:
+    """Return the fit of a problem to which fits over ever longer windows led.
+
+    What grows, or turns over, takes a long run far away before parameters that are somewhat wrong can be told
+    from it.
+    """
+    first = shorter[0]
+    found = fit_initial_states(
+        _over(problem, first), guess_states(problem.simulator, problem.u, problem.y, first, structure, x)
+    )
+    now = _over(problem, first)
+    found = fit(now, found.model)
+    for windows in (*shorter[1:], problem.windows):
+        longer = _over(problem, windows)
+        found = fit(longer, found.model._replace(x0=_states_at(now, found, windows)))
+        now = longer
+    return found
+
+
+def _over(problem: Problem, windows: Windows) -> Problem:
+    return Problem(problem.simulator, problem.u, problem.y, windows, problem.noise)
+
+
+def _states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
+    """Return the states with which other windows begin, from the run of a fit, or else as measured."""
+    x = problem.run(found.model).x[windows.first]
+    known = problem.simulator.known_states(problem.u, problem.y, windows.first)
+    return np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
+
+
 def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem, Fit]:
     """Return the problem over longer windows and its fit, where the run still follows the recording there.
 
     What an integrator adds up over a long window tells far more than the same samples cut into many short
     ones, each with initial states of its own; but far from the right parameters a long run is lost.
     """
-    longer = Problem(problem.simulator, problem.u, problem.y, windows, problem.noise)
+    longer = _over(problem, windows)
     if not windows.count or windows.count >= problem.windows.count:
         return problem, found
-    x = problem.run(found.model).x[windows.first]
-    known = problem.simulator.known_states(problem.u, problem.y, windows.first)
-    x0 = np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
-    refitted = fit(longer, found.model._replace(x0=x0))
+    refitted = fit(longer, found.model._replace(x0=_states_at(problem, found, windows)))
     share = _left_over(longer, refitted.residual) / np.nanstd(problem.y, axis=0)
     return (longer, refitted) if np.all(share < FOLLOWS) else (problem, found)
 

@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit
 
+FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
 
 
@@ -61,8 +62,13 @@ def confidence_in_nothing(p_value: float) -> float:
     return float(factor / (1.0 + factor))
 
 
-def parameters_moved(problem: Problem, fit: Fit, random_state=None) -> float:
-    """Return the p-value of the test that the nominal parameters are right, from the fit made with them."""
+def parameters_moved(problem: Problem, fit: Fit, refitted: Fit, random_state=None) -> float:
+    """Return the p-value of the test that the nominal parameters are right, from the fit made with them.
+
+    Where the refitted ones leave far less, the ratio of likelihoods decides: tangents tell little from afar.
+    """
+    if fit.cost > FAR * refitted.cost:
+        return float(chi2.sf(problem.n_seen * np.log(fit.cost / refitted.cost), refitted.model.p.size))
     columns, residual = fit.jacobian, fit.residual
     flat = columns.reshape(-1, columns.shape[2])
     gram = flat.T @ flat

@@ -43,6 +43,7 @@ from narx_sklearn.discrepancy.verify import (
     initial_state,
     score_table,
     squared_errors,
+    within_reach,
 )
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.model import NARXModel
@@ -282,7 +283,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         u, measured = read_record(X, y, self.simulator_)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
-        for piece, began in self._pieces(u, sessions):
+        for piece, began in within_reach(self._pieces(u, sessions), n_init, self._diagnosis.followed_for):
             if piece.stop - piece.start <= n_init + 1:
                 continue
             y_piece = measured[piece]
@@ -533,11 +534,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
-        n_init = self._n_init
+        n_init, reach = self._n_init, self._diagnosis.followed_for
         long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
             n_init = 4 * (len(self.simulator_.states) + 1)
             long_enough = _longer_than(2 * n_init, held_out)
+        long_enough = within_reach(long_enough, n_init, reach)
         rows = [(piece.start, piece.start + n_init, piece.stop) for piece, _ in long_enough]
         self.held_out_ = pd.DataFrame(rows, columns=["start", "scored_from", "stop"], dtype=int)
         if not long_enough:

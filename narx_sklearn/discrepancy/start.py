@@ -5,9 +5,49 @@ import numpy as np
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.structure import Structure
+from narx_sklearn.discrepancy.structure import Structure, find_structure
+from narx_sklearn.discrepancy.windows import cut
 
 ITERATIONS = 10
+ASTRAY = 100.0  # times an output's spread, by which a run has lost the recording
+AFRESH = 1000  # times that a lost run begins anew, at most
+
+
+def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
+    """Return the states that the simulator as it stands visits along a record, (n_samples, n_states).
+
+    It runs from the first sample on. Where that run is lost (an unstable machine, held by a loop that the
+    simulator knows nothing of), it begins anew every few samples from what was measured; NaN where that is
+    lost too.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
+    whole = Windows.whole([piece for piece, _ in pieces])
+    known = simulator.known_states(u, y, whole.first)
+    x, lost = _followed(simulator, u, y, whole, np.where(np.isfinite(known), known, 0.0))
+    inside = np.isfinite(x).all(axis=1)
+    if not lost or not inside.any():
+        return x
+    n_samples = int(np.sum(whole.last - whole.first))
+    shortest = 4 * (int(simulator.free_states.sum()) + 1)
+    windows = cut(pieces, max(shortest, n_samples // AFRESH), 1)
+    structure = find_structure(simulator, x[inside], u[inside])
+    middle = np.broadcast_to(np.median(x[inside], axis=0), x.shape)
+    return _followed(simulator, u, y, windows, guess_states(simulator, u, y, windows, structure, middle))[0]
+
+
+def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the states of a run, NaN where it is lost, and whether it was."""
+    run = simulator.run(u, windows, x0)
+    spread = np.nanstd(y, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        astray = (np.abs(run.y - y) > ASTRAY * np.where(spread > 0, spread, np.inf)).any(axis=1)
+    astray |= ~np.isfinite(run.x).all(axis=1)
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
+    return np.where(astray[:, None], np.nan, run.x), bool(astray[rows].any())
 
 
 def guess_states(

@@ -114,6 +114,20 @@ def _led(lead: Lead | None, start: int, stop: int, began: int, x0: np.ndarray) -
     return windows._replace(**counted), x0
 
 
+def within_reach(pieces: list[tuple[slice, int]], n_init: int, reach: float) -> list[tuple[slice, int]]:
+    """Return pieces cut into stretches that are over before a run follows the machine no longer.
+
+    Parameters
+    ----------
+    reach : float
+        Samples for which a run follows the machine; infinite where nothing grows.
+    """
+    if not np.isfinite(reach):
+        return pieces
+    windows = cut(pieces, n_init + max(int(reach) // 2, 1), n_init + 1)
+    return [(slice(a, b), k) for a, b, k in zip(windows.first, windows.last, windows.began, strict=True)]
+
+
 def squared_errors(
     simulators: dict, u, y, pieces, n_init: int, guesses: dict, leads: dict[str, Lead]
 ) -> dict[str, np.ndarray]:

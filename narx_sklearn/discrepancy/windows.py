@@ -12,6 +12,7 @@ FEWEST = 4
 MOST = 60  # more windows cost information on slow dynamics and bring little
 LONGEST = 50_000  # samples looked at; windows spread over a longer record stand for it
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
+GROWTHS = 4.0  # e-foldings of an unstable mode in a window: what a state begins with wrong grows fiftyfold
 
 
 class Pace(NamedTuple):
@@ -19,11 +20,12 @@ class Pace(NamedTuple):
 
     time_constant: float  # s, the longest of its decaying modes; 0 when there is none
     forgets: bool  # whether all modes decay: no integrator, nothing unstable
+    growth: float = 0.0  # 1/s, of its fastest growing mode; 0 when there is none
 
 
 def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
     """Return the pace of the linearised simulator round the states visited."""
-    constants, lasting = [], 0
+    constants, growths, lasting = [], [], 0
     for k in np.linspace(0, x.shape[0] - 1, 5).astype(int):
         if not np.all(np.isfinite(x[k])):
             continue
@@ -37,11 +39,17 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
         else:
             rates = eigenvalues.real
         fastest = np.max(np.abs(eigenvalues)) if not simulator.discrete else 1 / simulator.dt
-        decaying = rates[rates < -1e-6 * max(fastest, 1e-300)]
+        slow = 1e-6 * max(fastest, 1e-300)
+        decaying = rates[rates < -slow]
         lasting += decaying.size < rates.size
         if decaying.size:
             constants.append(1.0 / np.min(-decaying))
-    return Pace(float(np.median(constants)) if constants else 0.0, 2 * lasting < max(len(constants), 1))
+        growths.append(np.max(rates[rates > slow], initial=0.0))
+    return Pace(
+        float(np.median(constants)) if constants else 0.0,
+        2 * lasting < max(len(constants), 1),
+        float(np.median(growths)) if growths else 0.0,
+    )
 
 
 def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -87,10 +95,18 @@ def spread_out(windows: Windows, most: int = LONGEST) -> Windows:
 
 
 def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
-    """Return the number of samples in a window: many time constants, or a share of the record."""
+    """Return the number of samples in a window: many time constants, or a share of the record.
+
+    Where something grows, the window is over before the run knows nothing of the recording any more.
+    """
     n_free = int(simulator.free_states.sum())
     wanted = n_samples / WINDOWS
     if pace.forgets and pace.time_constant > 0:
         wanted = TIME_CONSTANTS * pace.time_constant / simulator.dt
-    length = np.clip(wanted, n_samples / MOST, n_samples / FEWEST)
+    length = min(np.clip(wanted, n_samples / MOST, n_samples / FEWEST), followed_for(simulator, pace))
     return int(max(min(length, LONGEST / FEWEST), 8 * (n_free + 1)))
+
+
+def followed_for(simulator: Simulator, pace: Pace) -> float:
+    """Return for how many samples a run follows a machine: infinitely many where nothing grows."""
+    return GROWTHS / (pace.growth * simulator.dt) if pace.growth > 0 else np.inf

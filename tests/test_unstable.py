@@ -1,0 +1,190 @@
+"""Machines that a long run does not follow: unstable ones that a loop holds, and those that turn over."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.bank import entered
+from narx_sklearn.discrepancy.checks import check_record
+from narx_sklearn.discrepancy.inference import parameters_moved
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.start import fit_initial_states, states_along
+from narx_sklearn.discrepancy.verify import within_reach
+from narx_sklearn.discrepancy.windows import Pace, cut, find_pace, followed_for, window_length
+from narx_sklearn.physics.effects import CATALOGUE
+
+N, DT, GRAVITY, MIDDLE = 3000, 0.002, 9.81, 0.01
+FORCE = 1e-3  # m^3/s^2/A^2
+
+
+def ball(x, u, p):
+    """A ball under a magnet: gap and speed, driven by the current."""
+    return x[1], GRAVITY - p[0] * (u[0] / x[0]) ** 2 - p[1] * x[1]
+
+
+def pendulum(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * np.sin(x[0]) - p[2] * x[1]
+
+
+def make_ball(force=1.07 * FORCE, damping=0.3):
+    return ODESimulator(
+        ball,
+        dt=DT,
+        parameters={"force [m^3/s^2/A^2]": force, "damping [1/s]": damping},
+        states=["gap [m]", "speed [m/s]"],
+        inputs=["current [A]"],
+    )
+
+
+def make_pendulum(gain=27.0, weight=22.0, damping=1.2):
+    return ODESimulator(
+        pendulum,
+        dt=0.01,
+        parameters={"gain [rad/s^2/A]": gain, "weight [1/s^2]": weight, "damping [1/s]": damping},
+        states=["angle [rad]", "rate [rad/s]"],
+        inputs=["current [A]"],
+    )
+
+
+def held_ball(seed=0, load=0.0, noise=0.01):
+    """Return current and gap of a ball that a loop holds, without and with noise."""
+    rng = np.random.default_rng(seed)
+    wanted = MIDDLE + np.repeat(rng.uniform(-0.0015, 0.0015, N // 150 + 1), 150)[:N]
+    level = np.sqrt(GRAVITY / FORCE) * MIDDLE
+    fine = DT / 40
+    gap, speed = MIDDLE, 0.0
+    u, y = np.empty((N, 1)), np.empty((N, 1))
+    for k in range(N):
+        u[k] = level + 455.0 * (gap - wanted[k]) + 7.0 * speed + 0.02 * rng.standard_normal()
+        y[k] = gap
+        for _ in range(40):
+            pull = GRAVITY + load - FORCE * (u[k, 0] / gap) ** 2 - 0.1 * speed
+            gap, speed = gap + fine * speed + 0.5 * fine**2 * pull, speed + fine * pull
+    return u, y, y + noise * y.std() * rng.standard_normal(y.shape)
+
+
+@pytest.fixture(scope="module")
+def held():
+    return held_ball()
+
+
+@pytest.fixture(scope="module")
+def ball_problem(held):
+    """A problem of short windows, and the fit without anything missing; a load is."""
+    u, true, y = held_ball(load=-0.6)
+    windows = cut([(slice(0, N), 0)], 46, 12)
+    problem = Problem(make_ball(FORCE / 0.94), u, y, windows, Noise.white(np.array([0.01 * true.std()])))
+    x0 = np.column_stack([y[windows.first, 0], np.gradient(true[:, 0], DT)[windows.first]])
+    return problem, fit(problem, fit_initial_states(problem, x0).model)
+
+
+class TestPace:
+    def test_an_unstable_mode_is_found_and_limits_the_window(self):
+        level = np.sqrt(GRAVITY / FORCE) * MIDDLE
+        x, u = np.tile([MIDDLE, 0.0], (5, 1)), np.full((5, 1), level)
+        pace = find_pace(make_ball(FORCE, 0.0), x, u)
+        assert pace.growth == pytest.approx(np.sqrt(2 * GRAVITY / MIDDLE), rel=1e-4)
+        assert not pace.forgets
+        assert followed_for(make_ball(), pace) == pytest.approx(4 / (pace.growth * DT))
+        assert window_length(make_ball(), pace, N) == int(followed_for(make_ball(), pace))
+
+    def test_nothing_grows_where_all_is_damped_or_adds_up(self):
+        at_rest = find_pace(make_pendulum(), np.zeros((5, 2)), np.zeros((5, 1)))
+        assert at_rest.growth == 0.0
+        assert followed_for(make_pendulum(), Pace(1.0, True)) == np.inf
+
+
+class TestStatesAlong:
+    def test_a_lost_run_begins_anew_from_what_was_measured(self, held):
+        u, true, y = held
+        lost = make_ball().simulate(u, [MIDDLE, 0.0])
+        assert not np.all(np.abs(lost - true) < true.std())
+        x = states_along(make_ball(), u, y, [(slice(0, N), 0)])
+        assert np.std(x[:, 0] - true[:, 0]) < 0.3 * true.std()
+        speed = np.gradient(true[:, 0], DT)
+        assert np.std(x[:, 1] - speed) < speed.std()
+
+    def test_a_run_that_is_not_lost_is_one_run(self):
+        rng = np.random.default_rng(0)
+        u = 0.1 * rng.normal(size=(500, 1))
+        y = make_pendulum(30.0, 20.0, 1.0).simulate(u)
+        x = states_along(make_pendulum(), u, y, [(slice(0, 500), 0)])
+        np.testing.assert_allclose(x[:, :1], make_pendulum().simulate(u), atol=1e-12)
+
+
+class TestReach:
+    def test_stretches_are_over_before_the_run_is_lost(self):
+        pieces = [(slice(100, 500), 0), (slice(520, 600), 510)]
+        assert within_reach(pieces, 20, np.inf) is pieces
+        short = within_reach(pieces, 20, 40.0)
+        assert short[0] == (slice(100, 140), 0)
+        assert short[-1] == (slice(560, 600), 510)
+        assert max(piece.stop - piece.start for piece, _ in short) == 40
+
+
+def test_an_effect_enters_with_the_parameters_moved_as_the_tangents_say(ball_problem):
+    """A load of a twentieth of the weight throws the ball away unless the magnet pulls less."""
+    problem, base = ball_problem
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(-0.6,))
+    as_it_was = base.model._replace(effects=(load,))
+    model = entered(problem, base, problem.run(base.model), load)
+    assert model.effects == (load,)
+    assert model.p[0] == pytest.approx(FORCE, rel=0.02)
+
+    def cost(at: Model) -> float:
+        return float(np.sum(base.projector(problem.residual(problem.run(at))) ** 2))
+
+    assert cost(model) < 0.01 * cost(as_it_was)
+
+
+def test_rounding_explains_nothing_by_the_choice_of_states_in_many_windows(held):
+    u, true, y = held
+    windows = cut([(slice(0, N), 0)], 46, 12)
+    sigma = 0.01 * true.std()
+    problem = Problem(make_ball(FORCE, 0.1), u, y, windows, Noise.white(np.array([sigma])))
+    x0 = np.column_stack([y[windows.first, 0], np.gradient(true[:, 0], DT)[windows.first]])
+    base = fit(problem, fit_initial_states(problem, x0).model)
+    steps = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.2 * sigma,))
+    found = fit(problem, base.model._replace(effects=(steps,)))
+    assert base.cost - found.cost < 10.0  # 38 where each window takes the best of several states
+
+
+def test_parameters_that_leave_far_more_than_others_have_moved(ball_problem):
+    problem, base = ball_problem
+    nominal = fit_initial_states(problem, base.model.x0)
+    assert nominal.cost < 2 * base.cost or parameters_moved(problem, nominal, base) < 1e-12
+    far = nominal._replace(cost=3 * base.cost, residual=0 * nominal.residual)
+    assert parameters_moved(problem, far, base) < 1e-12
+
+
+class TestDiagnosis:
+    def test_a_ball_that_a_loop_holds_is_refitted(self, held):
+        u, _, y = held
+        dx = DiscrepancyRegressor(make_ball()).fit(u, y)
+        assert dx.verdict_ == "refit"
+        assert dx.parameters_.loc["force", "refitted"] == pytest.approx(FORCE, rel=0.002)
+        assert dx.scores_.loc["refitted", "nrmse"] < 0.06 < dx.scores_.loc["nominal", "nrmse"]
+        assert dx.score(u, y) > 0.98
+        assert not [finding for finding in dx.data_findings_ if finding.code != "coarse_steps"]
+
+    def test_a_load_on_a_ball_that_a_loop_holds_is_named(self):
+        u, _, y = held_ball(load=-0.6)
+        dx = DiscrepancyRegressor(make_ball()).fit(u, y)
+        assert dx.findings_[0].effect == "constant_load"
+        assert dx.findings_[0].parameters["F"] == pytest.approx(-0.6, abs=0.1)
+        assert dx.scores_.loc["augmented", "nrmse"] < dx.scores_.loc["refitted", "nrmse"]
+
+    @pytest.mark.parametrize("seed", [0, 1])
+    def test_a_pendulum_that_turns_over_is_refitted(self, seed):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-2.5, 2.5, N // 20), 20)[:, None]
+        true = make_pendulum(30.0, 20.0, 1.0).simulate(u)
+        assert np.ptp(true) > 4 * np.pi
+        y = true + 0.05 * rng.standard_normal(true.shape)
+        dx = DiscrepancyRegressor(make_pendulum()).fit(u, y)
+        assert dx.verdict_ == "refit"
+        np.testing.assert_allclose(dx.parameters_["refitted"], [30.0, 20.0, 1.0], rtol=0.02)
+        assert check_record(make_pendulum(), u, y) == ()
