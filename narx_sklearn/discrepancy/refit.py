@@ -12,6 +12,7 @@ SMALL = 1e-4  # relative step of the difference quotients: above the roughness o
 ITERATIONS = 25
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
+LUCK = 4.0  # noise variances that a window gains by chance, of several states that a coarse sensor rounds
 SHARES = (0.25, 0.0625, 0.0)  # of a step, that the states of windows take which a whole one makes worse
 
 
@@ -104,8 +105,9 @@ def fit(
     free = np.ones(n_q, dtype=bool) if free is None else free
     scale_q = np.where(q != 0, np.abs(q), 1.0)
     chosen = np.flatnonzero(problem.simulator.free_states)
-    # through a coarse sensor each window would choose among states that differ in rounding alone
+    # through a coarse sensor each window could choose among states that differ in rounding alone
     is_felt = all(effect.port.kind != "output" for effect in model.effects)
+    least = 0.0 if is_felt else LUCK
     damping, converged = 1e-3, False
     run = problem.run(model)
     x_steps = state_scale(problem, model, run)
@@ -151,10 +153,10 @@ def fit(
             left = residual - J_full @ (target - q)
             x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
             trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
-            if attempt >= GIVE_UP and is_felt and not trial.cost < cost:
+            if attempt >= GIVE_UP and not trial.cost < cost:
                 # where friction holds or turns about, a state's sensitivity says little of a whole step
                 for share in SHARES:
-                    worse = ~(_by_window(trial.residual) <= _by_window(residual))
+                    worse = ~(_by_window(trial.residual) <= _by_window(residual) - least)
                     if not worse.any():
                         break
                     moved = model.x0 + share * (x0 - model.x0)
