@@ -6,6 +6,7 @@ import pytest
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.bank import entered
 from narx_sklearn.discrepancy.checks import check_record
+from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -160,6 +161,32 @@ def test_parameters_that_leave_far_more_than_others_have_moved(ball_problem):
     assert parameters_moved(problem, far, base) < 1e-12
 
 
+class TestExperiment:
+    def test_an_unstable_machine_is_not_driven_by_an_input_alone(self):
+        def upright(x, u, p):
+            return x[1], p[0] * x[0] + u[0]
+
+        about = {"dt": 0.01, "states": ["angle [rad]", "rate [rad/s]"], "inputs": ["torque [1/s^2]"]}
+        simulator = ODESimulator(upright, parameters={"weight [1/s^2]": 100.0}, **about)
+        rivals = {
+            code: simulator.with_effects(
+                [PlacedEffect(CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=(0.5,))]
+            )
+            for code in ("coulomb_friction", "quadratic_drag")
+        }
+        about = {"noise": Noise.white(np.array([0.01])), "amplitude": 1.0}
+        assert design_experiment(rivals, n_samples=60, **about).separation > 0
+        with pytest.raises(ValueError, match="no input alone drives an unstable machine"):
+            design_experiment(rivals, n_samples=600, **about)
+
+    def test_a_run_that_leaves_the_finite_range_is_no_experiment(self):
+        """At rest, with no gap, the magnet's pull is infinite."""
+        rivals = {"strong": make_ball(), "weak": make_ball(0.9 * FORCE)}
+        noise = Noise.white(np.array([1e-5]))
+        with pytest.raises(ValueError, match="no input alone drives an unstable machine"):
+            design_experiment(rivals, noise=noise, amplitude=0.1, n_samples=200)
+
+
 class TestDiagnosis:
     def test_a_ball_that_a_loop_holds_is_refitted(self, held):
         u, _, y = held
@@ -176,6 +203,8 @@ class TestDiagnosis:
         assert dx.findings_[0].effect == "constant_load"
         assert dx.findings_[0].parameters["F"] == pytest.approx(-0.6, abs=0.1)
         assert dx.scores_.loc["augmented", "nrmse"] < dx.scores_.loc["refitted", "nrmse"]
+        with pytest.raises(ValueError, match="at sample 1 of 3000"):
+            dx.to_narx(u)
 
     @pytest.mark.parametrize("seed", [0, 1])
     def test_a_pendulum_that_turns_over_is_refitted(self, seed):

@@ -14,13 +14,14 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut, find_pace
+from narx_sklearn.discrepancy.windows import cut, find_pace, followed_for
 from narx_sklearn.signals import loading_unloading, multisine
 
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
 BEYOND_DOUBT = 12.0  # standard deviations of the noise, above which more separation is worth nothing
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
+LOST = 5.0  # times as long as a run follows an unstable machine, after which it is far from anything
 
 
 class Experiment(NamedTuple):
@@ -114,7 +115,18 @@ def design_experiment(
     table = pd.DataFrame(rows).sort_values("separation", ascending=False, ignore_index=True)
     if best is None:
         raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
-    _, worst, kind, u = best
+    worth, worst, kind, u = best
+    with np.errstate(all="ignore"):
+        paces = [
+            find_pace(simulator, starts[name][None], base[None]) for name, simulator in simulators.items()
+        ]
+    reach = followed_for(some, max(paces, key=lambda pace: pace.growth))
+    if worth == (0.0, -np.inf) or n_samples > LOST * reach:
+        raise ValueError(
+            f"In {n_samples} samples a simulation is lost: no input alone drives an unstable machine. Put "
+            "its controller into the simulator, so that the reference is the input; or a smaller amplitude, "
+            "an offset at which it rests, or fewer samples."
+        )
     return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
 
 

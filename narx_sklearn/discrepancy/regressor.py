@@ -276,8 +276,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def score(self, X, y, sessions=None):
         """Return R^2 of the corrected simulation's free run.
 
-        The first samples of each session (as many as fix the initial state) are not scored; an unstable run
-        scores -inf.
+        The first samples of each session (as many as fix the initial state) are not scored. Where the machine
+        is unstable, runs begin anew before they lose it. A run that leaves the finite range scores -inf.
         """
         check_is_fitted(self)
         u, measured = read_record(X, y, self.simulator_)
@@ -329,7 +329,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If fewer than two explanations are at hand.
+            If fewer than two explanations are at hand, or no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
         rivals = self._rivals(between)
@@ -364,11 +364,24 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         NARXModel
+
+        Raises
+        ------
+        ValueError
+            If the corrected simulation leaves the finite range on these inputs.
         """
         check_is_fitted(self)
         u = read_inputs(X, self.simulator_)
         lasting = self.simulator_.with_effects([e for e in self.simulator_.effects if not e.passes])
         y = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states)))).y
+        lost = ~np.isfinite(y).all(axis=1)
+        if lost.any():
+            raise ValueError(
+                "From rest the corrected simulation leaves the finite range at sample "
+                f"{int(np.argmax(lost))} of {len(u)}, so a NARX model cannot be identified from it. Pass "
+                "inputs under which it stays; an unstable simulator needs its controller in it, with the "
+                "reference as its input."
+            )
         order = max(2, len(lasting.states))
         known = {"output_lags": order, "input_lags": order, "degree": 3} | settings
         if "phi" not in settings:
