@@ -414,7 +414,7 @@ class TestLatePieces:
         [
             ("additive_drift", Port("output", 0), (0.8, 10.0, 2.0, -6.0)),
             ("periodic_disturbance", Port("state", 1), (2.0, 1.3, 0.4)),
-            ("backlash", Port("input", 0), (1.0, 1.5, 0.0)),
+            ("backlash", Port("input", 0), (1.0, 1.5, 0.0, 0.0)),
             ("gain_drift", Port("input", 0), (0.5, 9.0, 0.1)),
         ],
     )
@@ -678,7 +678,7 @@ def test_a_law_of_two_names_keeps_both_however_the_usual_form_of_the_other_fits(
         effect = PlacedEffect(CATALOGUE[code], Port("state", port), weights, theta=theta)
         return Candidate(fit(problem, base.model._replace(effects=(effect,)), iterations=0), problem.n_seen)
 
-    slips = candidate("prandtl_ishlinskii", (1.0, 0.0), (0.2, 0.5, 0.0), 1)
+    slips = candidate("prandtl_ishlinskii", (1.0, 0.0), (0.2, 0.5, 0.0, 0.0), 1)
     for port, stays in ((1, True), (0, False)):
         bristle = candidate("presliding_friction", (0.0, 1.0), (0.4, 0.3, 0.02, 0.1, 0.0), port)
         assert bristle.criterion > slips.criterion + 100

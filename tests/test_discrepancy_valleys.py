@@ -17,7 +17,7 @@ TRUE = (0.3, 0.3, 1.0)
 
 
 def stiction(*theta):
-    return PlacedEffect(CATALOGUE["valve_stiction"], Port("input", 0), theta=theta)
+    return PlacedEffect(CATALOGUE["valve_stiction"], Port("input", 0), theta=(*theta, 0.0))
 
 
 def tank(x, u, p):
@@ -52,7 +52,7 @@ class TestOtherValleys:
         assert near.cost > 1.5 * there.cost
         found = other_valleys(problem, near)
         assert found.cost < 0.6 * near.cost
-        np.testing.assert_allclose(found.model.effects[0].theta, TRUE, rtol=0.05)
+        np.testing.assert_allclose(found.model.effects[0].theta[:3], TRUE, rtol=0.05)
 
     def test_the_cost_never_rises(self, sticking):
         problem, model = sticking
@@ -62,7 +62,7 @@ class TestOtherValleys:
     def test_every_value_that_was_tried_has_its_price(self, sticking):
         problem, model = sticking
         there = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 0.9),)), iterations=0)
-        assert not np.any(there.jacobian[:, :, -1])  # `again` changes nothing by a small step
+        assert not np.any(there.jacobian[:, :, -2])  # `again` changes nothing by a small step
         assert Candidate(there, problem.n_seen).n_parameters == 2 + 3
         at_an_end = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 1.0),)), iterations=0)
         assert Candidate(at_an_end, problem.n_seen).n_parameters == 2 + 2
@@ -72,9 +72,10 @@ class TestSpreadRound:
     @pytest.mark.parametrize("octaves", [1.0, 0.25])
     def test_values_lie_round_what_was_found_and_at_the_ends_of_ranges(self, octaves):
         values = spread_round(stiction(0.3, 0.5, 0.9), octaves)
-        assert values.shape == (CATALOGUE["valve_stiction"].valleys, 3)
+        assert values.shape == (CATALOGUE["valve_stiction"].valleys, 4)
         assert np.all(np.abs(np.log2(values[:, 0] / 0.3)) <= octaves)
-        assert values[:, 1:].min() >= 0.0
-        assert values[:, 1:].max() <= 1.0
+        assert values[:, 1:3].min() >= 0.0
+        assert values[:, 1:3].max() <= 1.0
         assert np.mean(values[:, 2] == 1.0) > 0.2
         assert np.all(np.abs(values[:, 1] - 0.5) <= octaves)
+        assert not values[:, 3].any()

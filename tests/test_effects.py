@@ -318,14 +318,14 @@ class TestForces:
             ("additive_drift", [2.0, 0.0, 0.0, 0.0], {"time": 3.0}, 2.0),
             ("additive_drift", [2.0, 1.0, -1.0, 4.0], {"time": np.log(2.0)}, 1.5),  # 2 (1/2 - 1/4 + 4/8)
             ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
-            ("backlash", [4.0, 0.1, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
-            ("backlash", [4.0, 0.1, 0.5], {"argument": 1.0}, 0.0),  # begins centred
+            ("backlash", [4.0, 0.1, 0.0, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
+            ("backlash", [4.0, 0.1, 0.5, 0.0], {"argument": 1.0}, 0.0),  # begins centred
             ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
             ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": np.nan}, 0.3),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": 5.0}, 0.3),
-            ("prandtl_ishlinskii", [3.0, 1.0, 0.0], {"argument": 0.4}, 0.0),
+            ("prandtl_ishlinskii", [3.0, 1.0, 0.0, 0.0], {"argument": 0.4}, 0.0),
         ],
     )
     def test_a_force_worked_by_hand(self, code, theta, now, force):
@@ -361,14 +361,14 @@ class TestForces:
         z = np.zeros(MAX_MEMORY)
         forces = []
         for value in x:
-            force, dz = force_of(CATALOGUE["backlash"], [2.0, 0.3, 0.0], value, z=z)
+            force, dz = force_of(CATALOGUE["backlash"], [2.0, 0.3, 0.0, 0.0], value, z=z)
             z[: len(dz)] = dz
             forces.append(force)
         followed = play(x, 0.3, initial_state=x[0])[:, 0]
         np.testing.assert_allclose(forces, 2.0 * (followed - x), atol=1e-14)
 
     def test_prandtl_ishlinskii_force_and_transform_are_one_operator(self):
-        x, theta = wideband(300), np.array([2.0, 1.5, 0.7])
+        x, theta = wideband(300), np.array([2.0, 1.5, 0.7, -0.4])
         z = np.zeros(MAX_MEMORY)
         forces = []
         for value in x:
@@ -567,10 +567,10 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("backlash", [1.0, 0.0, 0.5]),
+            ("backlash", [1.0, 0.0, 0.5, 0.0]),
             ("dead_zone", [0.0, 0.0, 0.0]),
             ("dead_zone", [0.0, 0.5, 0.2]),
-            ("valve_stiction", [0.0, 0.5, 0.0]),
+            ("valve_stiction", [0.0, 0.5, 0.0, 0.0]),
             ("input_saturation", [-1e9, 1e9, 0.0]),
             ("input_saturation", [-1e9, 1e9, 3.0]),
             ("sensor_clip", [-1e9, 1e9]),
@@ -578,7 +578,7 @@ class TestTransforms:
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
-            ("prandtl_ishlinskii", [1.0, 0.0, 0.0]),
+            ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
             ("creep", [0.0, 1.0]),
             ("delay", [0.0]),
             ("lag", [0.0]),
@@ -600,11 +600,11 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("backlash", [1.0, 0.3, 0.0]),
-            ("valve_stiction", [0.6, 0.5, 0.5]),
+            ("backlash", [1.0, 0.3, 0.0, 0.0]),
+            ("valve_stiction", [0.6, 0.5, 0.5, 0.0]),
             ("rate_limit", [0.5]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
-            ("prandtl_ishlinskii", [0.5, 1.0, 0.0]),
+            ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0]),
             ("delay", [0.3]),
             ("lag", [0.3]),
@@ -688,20 +688,20 @@ class TestTransforms:
     def test_a_sticking_valve_holds_then_jumps(self):
         """S = 1, J = 0.4: the stem leaves at 0.7 from relaxed, then trails by 0.3; a reversal takes S."""
         command = [0.0, 0.4, 0.6, 0.8, 1.0, 0.4, 0.1, -0.1]
-        stem = transformed("valve_stiction", command, [1.0, 0.4, 0.0])
+        stem = transformed("valve_stiction", command, [1.0, 0.4, 0.0, 0.0])
         np.testing.assert_allclose(stem, [0.0, 0.0, 0.0, 0.5, 0.7, 0.7, 0.7, 0.2], atol=1e-12)
 
     def test_a_valve_may_stick_again_after_every_jump(self):
         """The stem leaves at 0.7, trails by 0.3, and goes on when the command is 0.7 ahead again."""
         command = [0.0, 0.6, 0.8, 1.0, 1.15, 1.25, 0.9, 0.2]
-        stem = transformed("valve_stiction", command, [1.0, 0.4, 1.0])
+        stem = transformed("valve_stiction", command, [1.0, 0.4, 1.0, 0.0])
         np.testing.assert_allclose(stem, [0.0, 0.0, 0.5, 0.5, 0.5, 0.95, 0.95, 0.5], atol=1e-12)
 
     def test_a_valve_without_jump_is_a_play(self):
         signal = wideband()
         np.testing.assert_allclose(
-            transformed("valve_stiction", signal, [0.6, 0.0, 0.0]),
-            transformed("backlash", signal, [1.0, 0.3, 0.0]),
+            transformed("valve_stiction", signal, [0.6, 0.0, 0.0, 0.0]),
+            transformed("backlash", signal, [1.0, 0.3, 0.0, 0.0]),
             atol=1e-12,
         )
 
@@ -739,10 +739,10 @@ class TestTransforms:
             (_bouc_wen_run, (0.5, 1.0, 1.5)),
             (_bouc_wen_run, (0.5, -1.4, 1.5)),
             (_bouc_wen_run, (1e-4, 1.0, 1.0)),
-            (_weighted_plays_run, (1.0, 0.5)),
+            (_weighted_plays_run, (1.0, 0.5, 0.3)),
             (_creep_run, (DT, 0.5)),
-            (_plays_run, (0.3, 0.5)),
-            (_stiction_run, (0.5, 0.2, 0.5)),
+            (_plays_run, (0.3, 0.5, -0.7)),
+            (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05,)),
             (_lag_run, (0.9, 0.05)),
             (_mode_run, _mode_matrices(10.0, 0.1, DT)),
@@ -765,17 +765,16 @@ class TestHysteresis:
     def test_a_larger_swing_wipes_out_the_loops_inside(self, seed, q):
         rng = np.random.default_rng(seed)
         inner = rng.uniform(-0.8, 0.8, 6)
-        with_loops = transformed("prandtl_ishlinskii", [0.0, -1.0, *inner, 1.0, 0.3], [1.0, 0.7, q])
-        without = transformed("prandtl_ishlinskii", [0.0, -1.0, 1.0, 0.3], [1.0, 0.7, q])
+        with_loops = transformed("prandtl_ishlinskii", [0.0, -1.0, *inner, 1.0, 0.3], [1.0, 0.7, q, 0.0])
+        without = transformed("prandtl_ishlinskii", [0.0, -1.0, 1.0, 0.3], [1.0, 0.7, q, 0.0])
         np.testing.assert_allclose(with_loops[-2:], without[-2:], atol=1e-12)
 
     def test_minor_loops_between_the_same_limits_are_congruent(self):
         path = np.linspace(0.0, 0.4, 9)
         swing = np.concatenate([path, path[::-1], path])
-        up = transformed("prandtl_ishlinskii", np.concatenate([[0.0, -1.5], swing]), [1.0, 0.7, 0.5])[2 + 9 :]
-        down = transformed("prandtl_ishlinskii", np.concatenate([[0.0, 1.5], swing]), [1.0, 0.7, 0.5])[
-            2 + 9 :
-        ]
+        theta = [1.0, 0.7, 0.5, 0.0]
+        up = transformed("prandtl_ishlinskii", np.concatenate([[0.0, -1.5], swing]), theta)[2 + 9 :]
+        down = transformed("prandtl_ishlinskii", np.concatenate([[0.0, 1.5], swing]), theta)[2 + 9 :]
         np.testing.assert_allclose(up - up[0], down - down[0], atol=1e-12)
         assert abs(up[0] - down[0]) > 0.1
 
@@ -818,10 +817,26 @@ class TestHysteresis:
         bound = zy * (1 + r) ** (-1 / n) if r > -1 else np.inf
         assert np.max(np.abs(_bouc_wen_run(x, zy, r, n))) <= min(bound, REACH * zy) * (1 + 1e-12)
 
+    @pytest.mark.parametrize(
+        ("code", "theta", "off"),
+        [
+            ("backlash", [1.0, 0.3, 0.0], 0.3),
+            ("backlash", [0.5, 0.3, 0.5], 0.15),
+            ("prandtl_ishlinskii", [1.0, 1.0, 0.0], 0.55),
+            ("valve_stiction", [0.8, 0.5, 0.0], 0.6),  # (S + J)/2
+        ],
+    )
+    @pytest.mark.parametrize("begin", [-1.0, -0.4, 0.5, 1.0])
+    def test_a_memory_may_begin_anywhere_in_its_play_and_forgets_it(self, code, theta, off, begin):
+        signal = np.concatenate([[2.0, 2.0, 4.0], 2.0 + np.sin(np.linspace(0, 20, 400))])
+        begun = transformed(code, signal, [*theta, begin])
+        assert begun[0] == pytest.approx(2.0 + begin * off)
+        np.testing.assert_allclose(begun[2:], transformed(code, signal, [*theta, 0.0])[2:], atol=1e-12)
+
     @pytest.mark.parametrize("code", ["bouc_wen_hysteresis", "prandtl_ishlinskii", "backlash"])
     def test_hysteresis_does_not_depend_on_speed(self, code):
-        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 1.0, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0]}
-        theta = theta.get(code, [1.0, 0.3, 0.5])
+        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 1.0, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0, 0.0]}
+        theta = theta.get(code, [1.0, 0.3, 0.5, 0.0])
         slow = np.sin(np.linspace(0, 10, 4001))
         np.testing.assert_allclose(
             transformed(code, slow, theta)[::4], transformed(code, slow[::4], theta), atol=2e-3
@@ -833,8 +848,8 @@ class TestHysteresis:
             ("bouc_wen_hysteresis", [3.0, 0.4, 1.0, 1.0]),
             ("bouc_wen_hysteresis", [3.0, 0.4, 0.0, 2.0]),
             ("bouc_wen_hysteresis", [3.0, 0.8, -1.4, 1.0]),
-            ("prandtl_ishlinskii", [3.0, 0.7, 0.0]),
-            ("backlash", [3.0, 0.3, 0.0]),
+            ("prandtl_ishlinskii", [3.0, 0.7, 0.0, 0.0]),
+            ("backlash", [3.0, 0.3, 0.0, 0.0]),
         ],
     )
     def test_a_hysteretic_force_takes_energy_out_of_every_cycle(self, code, theta):

@@ -33,6 +33,7 @@ BEAM = 2  # sets of effects carried to the next depth
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
+FORM = 0.05  # share of what the best takes off, that it may make up too
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
@@ -62,18 +63,25 @@ class Candidate:
         """What the effects are and where they act."""
         return {effect.place for effect in self.effects}
 
+    @property
+    def n_values(self) -> int:
+        """Number of global parameters, but for those that tell where a memory begins."""
+        return self.fit.model.q.size - sum(e.effect.begin is not None for e in self.effects)
+
     @cached_property
     def n_parameters(self) -> int:
         """Number of global parameters that the data can feel.
 
         A direction in which the effects change nothing that the simulator's own parameters and the other
-        directions do not, or a parameter at its bound, was not fitted and has no price. Where many valleys
-        were looked into, tangents say nothing, and every parameter has its price.
+        directions do not, or a parameter at its bound, was not fitted and has no price. Where a memory begins
+        has none, as initial states have none. Where many valleys were looked into, tangents say nothing, and
+        every parameter has its price.
         """
         model, J = self.fit.model, self.fit.jacobian
         own, q = model.p.size, model.q
         bounds = np.concatenate([np.empty((0, 2)), *(e.bounds for e in model.effects)])
         inside = (q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1])
+        inside &= np.array([k != e.effect.begin for e in model.effects for k in range(e.n_theta)], dtype=bool)
         many = np.array([e.effect.valleys > 0 for e in model.effects for _ in range(e.n_theta)], dtype=bool)
         n_tried = int(np.sum(inside & many))
         free = own + np.flatnonzero(inside & ~many)
@@ -223,15 +231,17 @@ def refit_leaders(
             models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
-    found = _from_other_valleys(problem, round_of(models, FINE, rough=False), n_jobs)
+    found = _from_other_valleys(problem, base, round_of(models, FINE, rough=False), n_jobs)
     return sorted(found + left_behind, key=lambda c: c.criterion)
 
 
-def _from_other_valleys(problem: Problem, found: list[Candidate], n_jobs) -> list[Candidate]:
+def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_jobs) -> list[Candidate]:
     """Return the candidates, those in reach of the best from other values of their last effect too."""
 
     def settled(candidate: Candidate) -> Candidate:
-        in_reach = candidate.criterion < found[0].criterion + IN_REACH
+        best = found[0]
+        in_reach = candidate.criterion < best.criterion + IN_REACH
+        in_reach |= candidate.fit.cost - best.fit.cost < FORM * (base.cost - best.fit.cost)
         if not (in_reach and candidate.effects[-1].effect.valleys):
             return candidate
         return Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)

@@ -43,7 +43,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         if not is_special_case(c, best):
             return c.criterion <= best.criterion + ALIKE
         added = c.fit.cost - best.fit.cost
-        is_simpler = c.fit.model.q.size < best.fit.model.q.size
+        is_simpler = c.n_values < best.n_values
         common = c.places & best.places
         before = min((o.fit.cost for o in candidates if o.places == common), default=fewer)
         is_enough = is_simpler and added <= REFINES * (before - c.fit.cost)
@@ -57,7 +57,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if not any(c is best for c in alike):
         return likeliest(alike, unexplained)
-    return min(alike, key=lambda c: (not _at_home(c), c.fit.model.q.size, c.criterion))
+    return min(alike, key=lambda c: (not _at_home(c), c.n_values, c.criterion))
 
 
 def unpaid(best: Candidate, special: Candidate) -> float:
@@ -66,7 +66,7 @@ def unpaid(best: Candidate, special: Candidate) -> float:
     Tangents feel nothing of a fall of friction at no speed at all; what it takes off the cost nevertheless,
     at some stop of the motion, it took by having been fitted.
     """
-    beyond = best.fit.model.q.size - special.fit.model.q.size
+    beyond = best.n_values - special.n_values
     paid = best.n_parameters - special.n_parameters
     return 2 * np.log(np.log(best.n_samples)) * max(beyond - paid, 0)
 
@@ -187,7 +187,7 @@ def look_alikes(
     for other in others:
         declared = declared_rival(best, other)
         behind = other.criterion - best.criterion
-        extra = other.fit.model.q.size - best.fit.model.q.size
+        extra = other.n_values - best.n_values
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
         if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:

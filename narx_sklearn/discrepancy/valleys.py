@@ -35,10 +35,13 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
 def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
     """Return values spread evenly (Halton 1960) round an effect's, within octaves or a share of its range.
 
-    Those beyond an end of the range stand at it.
+    Those beyond an end of the range stand at it. Where a memory begins a fit finds by itself.
     """
     n, theta, bounds = placed.effect.valleys, np.array(placed.theta), placed.bounds
-    points = qmc.Halton(theta.size, scramble=False).random(n + 1)[1:]  # the first is a corner
+    moving = np.arange(theta.size) != placed.effect.begin
+    points = np.full((n, theta.size), 0.5)
+    spread = qmc.Halton(int(moving.sum()), scramble=False)
+    points[:, moving] = spread.random(n + 1)[1:]  # the first is a corner
     lower, upper = bounds.T
     ranged = np.isfinite(lower) & np.isfinite(upper)
     width = np.where(ranged, octaves * (upper - lower), 0.0)
@@ -49,8 +52,11 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
 
 
 def _settled(problem: Problem, model: Model) -> Fit:
-    held = np.arange(model.q.size) < model.q.size - model.effects[-1].n_theta
-    return fit(problem, fit(problem, model, free=held, iterations=ALL_ELSE).model, iterations=SETTLED)
+    own, begin = model.theirs[-1], model.effects[-1].effect.begin
+    all_else = np.arange(model.q.size) < own.start
+    if begin is not None:
+        all_else[own.start + begin] = True
+    return fit(problem, fit(problem, model, free=all_else, iterations=ALL_ELSE).model, iterations=SETTLED)
 
 
 def _with_last(model: Model, effect: PlacedEffect) -> Model:

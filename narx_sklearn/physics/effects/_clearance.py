@@ -6,7 +6,7 @@ from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_level, plays
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import (
@@ -30,10 +30,12 @@ def _radius(b, s, j):
 
 
 @kernel
-def _plays_run(values, b, s):
-    """Return the mean of the gaps' play operators along values; they start centred on the first."""
+def _plays_run(values, b, s, begin):
+    """Return the mean of the gaps' play operators along values, each ``begin`` half-widths off the first."""
     out = np.empty(values.size)
-    w = np.full(N_GAPS, values[0])
+    w = np.empty(N_GAPS)
+    for j in range(N_GAPS):
+        w[j] = values[0] + begin * _radius(b, s, j)
     for k in range(values.size):
         total = 0.0
         for j in range(N_GAPS):
@@ -44,16 +46,17 @@ def _plays_run(values, b, s):
 
 
 def _backlash_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * (by_pieces(_plays_run, signal, first, theta[1], theta[2]) - signal)
+    return signal + theta[0] * (by_pieces(_plays_run, signal, first, theta[1], theta[2], theta[3]) - signal)
 
 
 @kernel
 def _backlash(argument, rate, own, second, time, step, z, theta, dz):
-    """z holds the followers, and last whether they have begun: centred where the motion begins."""
+    """z holds the followers, and last whether they have begun."""
     total = 0.0
     for j in range(N_GAPS):
-        before = z[j] if z[N_GAPS] > 0.0 else argument
-        dz[j] = play_step(before, argument, _radius(theta[1], theta[2], j))
+        radius = _radius(theta[1], theta[2], j)
+        before = z[j] if z[N_GAPS] > 0.0 else argument + theta[3] * radius
+        dz[j] = play_step(before, argument, radius)
         total += dz[j]
     dz[N_GAPS] = 1.0
     return theta[0] * (total / N_GAPS - argument)
@@ -61,7 +64,7 @@ def _backlash(argument, rate, own, second, time, step, z, theta, dz):
 
 def _backlash_starts(setting: Setting) -> np.ndarray:
     """At an input all of the motion is lost; in a state equation the force is what is of ordinary size."""
-    rows = grid([1.0], np.array([0.05, 0.15, 0.5]) * spread(setting.argument), [ROUNDED])
+    rows = grid([1.0], np.array([0.05, 0.15, 0.5]) * spread(setting.argument), [ROUNDED], [0.0])
     if at_signal(setting):
         return telling(setting, rows, _backlash_transform)
     return scaled(
@@ -134,8 +137,8 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _stiction_run(values, stick, slip, again):
-    """Return the stem along values; it starts relaxed on the first.
+def _stiction_run(values, stick, slip, again, begin):
+    """Return the stem along values; it rests at first, ``begin`` times what it may withhold off them.
 
     At rest it bears a withheld move of (S + J)/2 either way, sliding it trails by (S - J)/2: so a reversal
     takes S and going on after a stop takes J. While the command goes on it may stick `again`: 0 for never, up
@@ -144,7 +147,7 @@ def _stiction_run(values, stick, slip, again):
     breakaway = 0.5 * (stick + slip)
     trailing = 0.5 * (stick - slip)
     out = np.empty(values.size)
-    stem = values[0]
+    stem = values[0] + begin * breakaway
     direction = 0.0  # of the slide; 0 at rest
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
@@ -160,13 +163,13 @@ def _stiction_run(values, stick, slip, again):
 
 
 def _stiction_transform(signal, second, dt, theta, first):
-    return by_pieces(_stiction_run, signal, first, theta[0], theta[0] * theta[1], theta[2])
+    return by_pieces(_stiction_run, signal, first, theta[0], theta[0] * theta[1], theta[2], theta[3])
 
 
 def _stiction_starts(setting: Setting) -> np.ndarray:
     """Bands from a fiftieth of the spread up, closely, since a fit does not get past many jumps."""
     bands = np.array([0.02, 0.04, 0.08, 0.16, 0.32, 0.64]) * spread(setting.argument)
-    rows = np.concatenate([grid(bands, [0.3, 1.0], [0.0]), grid(bands, [0.3, 0.7], [1.0])])
+    rows = np.concatenate([grid(bands, [0.3, 1.0], [0.0], [0.0]), grid(bands, [0.3, 0.7], [1.0], [0.0])])
     return telling(setting, rows[rows[:, 0] > 0], _stiction_transform)
 
 
@@ -193,12 +196,14 @@ CLEARANCE = (
         sentence="At every reversal some motion is lost before the other side is touched again.",
         equation="s + k (P_b[s] - s) at an input, k = 1 for full lost motion; k (P_b[x] - x) in a state "
         "equation; P_b is the play of half-width b, the mean of four from (1 - 3 r/4) b to (1 + 3 r/4) b, as "
-        "where the parts give way",
+        "where the parts give way; at first it is i half-widths off",
         parameters=(
             EffectParameter("k", "{port}/({arg})", 0.0),
             EffectParameter("b", "{arg}", 0.0),
             EffectParameter("r", "-", 0.0, 1.0),
+            BEGIN,
         ),
+        begin=3,
         starts=_backlash_starts,
         force=_backlash,
         transform=_backlash_transform,
@@ -263,12 +268,14 @@ CLEARANCE = (
         title="Sticking valve",
         sentence="The stem holds until the command has moved far enough, then jumps.",
         equation="held until the command has moved by S, then a jump by J = j S, then s - (S - J)/2 sgn(v), "
-        "held again in between while it is less than a J ahead of that",
+        "held again in between while it is less than a J ahead of that; at first i (S + J)/2 off",
         parameters=(
             EffectParameter("S", "{port}", 0.0),
             EffectParameter("j", "-", 0.0, 1.0),
             EffectParameter("a", "-", 0.0, 1.0),
+            BEGIN,
         ),
+        begin=3,
         starts=_stiction_starts,
         transform=_stiction_transform,
         output_port=False,

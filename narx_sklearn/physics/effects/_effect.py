@@ -26,6 +26,9 @@ class EffectParameter(NamedTuple):
     upper: float = np.inf
 
 
+BEGIN = EffectParameter("i", "-", -1.0, 1.0)  # where within its play a memory stands when a record begins
+
+
 class Setting(NamedTuple):
     """What a record shows at one place: the material from which starting values are taken.
 
@@ -88,6 +91,9 @@ class Effect:
     levels : tuple of int
         Indices of the parameters that are levels between which the signal is kept, whichever is the higher:
         a fit returns them in rising order.
+    begin : int or None
+        Index of the parameter that tells in which state its memory begins; like initial states it has no
+        price where effects are compared.
     n_memory : int
         States of its own.
     jumps : bool
@@ -151,6 +157,7 @@ class Effect:
     second: str | None = None
     amplitude: int | None = 0
     levels: tuple[int, ...] = ()
+    begin: int | None = None
     n_memory: int = 0
     jumps: bool = False
     after: bool = False

@@ -5,7 +5,7 @@ import numpy as np
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import AbsoluteDifference, DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import plays
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, scaled, spread, time_constants
@@ -100,8 +100,9 @@ def _prandtl_ishlinskii(argument, rate, own, second, time, step, z, theta, dz):
     withheld = 0.0
     total = 0.0
     for i in range(N_PLAYS):
-        before = z[i] if z[N_PLAYS] > 0.0 else argument
-        dz[i] = play_step(before, argument, theta[1] * (i + 1) / N_PLAYS)
+        radius = theta[1] * (i + 1) / N_PLAYS
+        before = z[i] if z[N_PLAYS] > 0.0 else argument + theta[3] * radius
+        dz[i] = play_step(before, argument, radius)
         weight = _weight(i + 1, theta[2])
         withheld += weight * (dz[i] - argument)
         total += weight
@@ -110,29 +111,31 @@ def _prandtl_ishlinskii(argument, rate, own, second, time, step, z, theta, dz):
 
 
 @kernel
-def _weighted_plays_run(values, radius, q):
-    """Return the weighted mean of the plays along values; all start centred on the first."""
+def _weighted_plays_run(values, radius, q, begin):
+    """Return the weighted mean of the plays along values, each ``begin`` half-widths off the first."""
     out = np.zeros(values.size)
     total = 0.0
     for i in range(N_PLAYS):
         weight = _weight(i + 1, q)
         total += weight
-        w = values[0]
+        own = radius * (i + 1) / N_PLAYS
+        w = values[0] + begin * own
         for k in range(values.size):
-            w = play_step(w, values[k], radius * (i + 1) / N_PLAYS)
+            w = play_step(w, values[k], own)
             out[k] += weight * w
     return out / total
 
 
 def _prandtl_ishlinskii_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * (by_pieces(_weighted_plays_run, signal, first, theta[1], theta[2]) - signal)
+    held = by_pieces(_weighted_plays_run, signal, first, theta[1], theta[2], theta[3])
+    return signal + theta[0] * (held - signal)
 
 
 def _prandtl_ishlinskii_starts(setting: Setting) -> np.ndarray:
     half = 0.5 * np.diff(quantiles(setting.argument, [0.0, 1.0]))[0]
     if not half > 0:
         return np.empty((0, 3))
-    rows = grid([1.0], np.array([0.3, 1.0, 2.0]) * half, [0.0])
+    rows = grid([1.0], np.array([0.3, 1.0, 2.0]) * half, [0.0], [0.0])
     return scaled(setting, rows, _added(setting, _prandtl_ishlinskii_transform))
 
 
@@ -213,12 +216,15 @@ HYSTERESIS = (
         code="prandtl_ishlinskii",
         title="Prandtl-Ishlinskii hysteresis",
         sentence="Many small lost motions add up to loops that close where they began.",
-        equation="w (mean of P_ri[s] - s, weights i^q), added; plays of half-width ri = r i/10, i = 1 ... 10",
+        equation="w (mean of P_rk[s] - s, weights k^q), added; plays of half-width rk = r k/10, k = 1 to 10, "
+        "each at first i half-widths off",
         parameters=(
             EffectParameter("w", "{port}/({arg})", 0.0),
             EffectParameter("r", "{arg}", 0.0),
             EffectParameter("q", "-", -3.0, 10.0),
+            BEGIN,
         ),
+        begin=3,
         starts=_prandtl_ishlinskii_starts,
         force=_prandtl_ishlinskii,
         transform=_prandtl_ishlinskii_transform,
