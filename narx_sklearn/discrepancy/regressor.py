@@ -83,7 +83,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Hypotheses refitted at each depth.
     window : int, optional
         Samples in a fitting window. When not given, twenty time constants of the simulator; a fortieth of
-        the record and then a quarter of it where an integrator or an unstable mode does not forget.
+        the record and then a quarter of it where an integrator does not forget; four e-foldings of an
+        unstable mode.
     test_fraction : float, default=0.2
         Last share of each session kept out of every decision, for the verification (but whether what began
         and stayed still acts there). Where nothing is missing before it, a second look keeps out the first
@@ -106,7 +107,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         (share of the refitted error taken away), with intervals.
     held_out_ : DataFrame
         Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle
-        the initial state), ``stop``.
+        the initial state), ``stop``. Short ones where the machine is unstable: a free run loses it.
     parameters_ : DataFrame
         The simulator's parameters: nominal, refitted, augmented, with intervals and units.
     simulator_ : Simulator

@@ -7,6 +7,7 @@ import pandas as pd
 
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.windows import cut
@@ -81,10 +82,19 @@ def initial_state(
     sigma = np.nanstd(y[piece.start : stop], axis=0)
     noise = Noise.white(np.where(sigma > 0, sigma, 1.0))
     known = simulator.known_states(u, y, np.array([piece.start]))[0]
-    windows, x0 = _led(lead, piece.start, stop, began, np.where(np.isfinite(known), known, guess))
-    unseen = y[began:stop].copy()
-    unseen[: piece.start - began] = np.nan
-    return fit_initial_states(Problem(simulator, u[began:stop], unseen, windows, noise), x0).model.x0[-1]
+    fewest = 2 * (int(simulator.free_states.sum()) + 1)
+    quarter = min(piece.start + max((stop - piece.start) // 4, fewest), stop)
+
+    def fitted(state: np.ndarray, upto: int) -> Fit:
+        windows, x0 = _led(lead, piece.start, upto, began, state)
+        unseen = y[began:upto].copy()
+        unseen[: piece.start - began] = np.nan
+        return fit_initial_states(Problem(simulator, u[began:upto], unseen, windows, noise), x0)
+
+    at_once = fitted(np.where(np.isfinite(known), known, guess), stop)
+    # a run that begins wrong may be lost before the end
+    begun = fitted(fitted(at_once.model.x0[-1], quarter).model.x0[-1], stop)
+    return min(at_once, begun, key=lambda found: found.cost).model.x0[-1]
 
 
 def free_run(
