@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.start import fit_initial_states, states_along
-from narx_sklearn.discrepancy.verify import within_reach
+from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
 from narx_sklearn.discrepancy.windows import Pace, cut, find_pace, followed_for, window_length
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -124,6 +124,19 @@ class TestReach:
         assert short[0] == (slice(100, 140), 0)
         assert short[-1] == (slice(560, 600), 510)
         assert max(piece.stop - piece.start for piece, _ in short) == 40
+
+
+@pytest.mark.parametrize("off", [-0.5, -0.2, 1.0])
+def test_an_initial_state_is_found_from_a_guess_that_loses_the_run(held, off):
+    """With half a metre a second towards the magnet the ball meets it before the last of these samples."""
+    u, true, y = held
+    simulator, piece = make_ball(FORCE, 0.1), slice(900, 946)
+    speed = np.gradient(true[:, 0], DT)[900]
+    guess = np.array([true[900, 0], speed + off])
+    x0 = initial_state(simulator, u, y, piece, 0, 46, guess)
+    assert x0[1] == pytest.approx(speed, abs=0.01)
+    run = free_run(simulator, u, y, piece, 0, 46, guess)
+    assert np.abs(run.y - true[piece]).max() < 0.2 * true.std()
 
 
 def test_an_effect_enters_with_the_parameters_moved_as_the_tangents_say(ball_problem):
