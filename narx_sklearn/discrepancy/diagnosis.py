@@ -45,7 +45,15 @@ from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.twin import TwinSimulator
-from narx_sklearn.discrepancy.windows import LONGEST, cut, find_pace, followed_for, spread_out, window_length
+from narx_sklearn.discrepancy.windows import (
+    LONGEST,
+    Pace,
+    cut,
+    find_pace,
+    followed_for,
+    spread_out,
+    window_length,
+)
 
 UNEXPLAINED = 0.1  # share of what could be explained that named effects may leave to anything else
 LONG = (
@@ -112,7 +120,23 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     return found
 
 
-def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+class Beginning(NamedTuple):
+    """The fit of the simulator's own parameters, and what it was made with."""
+
+    problem: Problem
+    refitted: Fit
+    structure: Structure
+    pace: Pace
+
+
+def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Beginning:
+    """Fit the simulator's own parameters on the given pieces of a record.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
     x = states_along(simulator, u, y, pieces)
     inside = np.isfinite(x).all(axis=1)
     if not inside.any():
@@ -147,6 +171,12 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     _check_finite(problem, refitted)
+    return Beginning(problem, refitted, structure, pace)
+
+
+def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    problem, refitted, structure, pace = begin(simulator, u, y, pieces, settings)
+    spread = np.nanstd(y, axis=0)
     problem, refitted = _centred(problem, refitted)
     rounding = FINEST * spread
     problem = problem.with_noise(Noise.white(np.maximum(_left_over(problem, refitted.residual), rounding)))

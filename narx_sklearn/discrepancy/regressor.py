@@ -19,7 +19,7 @@ from narx_sklearn._validation import (
 )
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
-from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
+from narx_sklearn.discrepancy.diagnosis import Diagnosis, begin, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
@@ -31,6 +31,7 @@ from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.substeps import coarse_steps
 from narx_sklearn.discrepancy.temporary import only_where_fitted
@@ -226,6 +227,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.n_jobs,
             self._tell,
         )
+        spikes = self._spikes(simulator, u, measured, sessions, settings)
+        self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
+        measured = np.where(spikes, np.nan, measured)
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
         self.data_findings_ += coarse_steps(diagnosis.problem, diagnosis.best.fit.model)
         self._one_output = np.ndim(y) == 1
@@ -423,6 +427,16 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return rivals
 
     # -- parts of fit ------------------------------------------------------------------------------------
+
+    def _spikes(self, simulator: Simulator, u, y, sessions, settings: Settings) -> np.ndarray:
+        """Tell which samples, (n_samples, n_outputs), are no measurements."""
+        pieces = self._pieces(u, sessions)
+
+        def left_by_refit() -> np.ndarray:
+            problem, refitted, *_ = begin(simulator, u, y, pieces, settings)
+            return y - problem.run(refitted.model).y
+
+        return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
 
     def _diagnosed(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
         """Return the diagnosis, that of the second look where only it finds something missing."""

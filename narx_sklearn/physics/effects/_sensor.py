@@ -8,6 +8,8 @@ from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Settin
 from narx_sklearn.physics.effects._starts import grid, spread, telling
 
 SHORTEST_HOLD = 4  # samples that a sensor is stuck
+SPIKE = 2  # samples that may all be one
+LASTING = 0.2  # of what a hold explains, that others must
 SETTLED = 5  # rounds in which both ends of a stretch are settled, at most
 BEST = 3  # of the values scanned that are kept
 LEVELS = 2**16  # on which a signal's values are gathered; steps of less than eight of them are not looked for
@@ -126,8 +128,16 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
         if most > 0:
             start, stop, more = _settled(gains, first_held, after, n)
             tried += more
+            missed_there = measured[start:stop] - simulated[start]
+            if not _lasts(residual[start:stop] ** 2 - missed_there**2):
+                continue
             rows.append((float(setting.time[start]), (stop - start - 0.5) * setting.dt))
     return telling(setting, np.array(rows).reshape(-1, 2), _stuck_transform), tried
+
+
+def _lasts(gain: np.ndarray) -> bool:
+    """Tell whether more than a few samples gain: one that stands alone is a spike."""
+    return float(np.sort(gain)[:-SPIKE].sum()) > LASTING * float(gain.sum())
 
 
 def _settled(gains, begin: int, end: int, n: int) -> tuple[int, int, int]:
