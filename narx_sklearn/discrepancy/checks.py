@@ -45,7 +45,7 @@ class DataFinding:
     code : str
         ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``,
         ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"units"``, ``"quantised_output"``,
-        ``"coarse_steps"``.
+        ``"spikes"``, ``"coarse_steps"``.
     sentence : str
         What was seen, with the number, and what to do.
     evidence : mapping of {str: value}
