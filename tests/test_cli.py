@@ -221,14 +221,18 @@ def test_an_error_inside_the_equations_tells_the_line_of_the_model_file(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("equation", "sample"), [("p[0] * u[0] + 90 * x[1]", r"\d\d"), ("p[0] * u[0] + math.nan", "1")]
+    ("equation", "where"),
+    [
+        ("p[0] * u[0] + 90 * x[1]", "grows e-fold in 1.1 samples"),
+        ("p[0] * u[0] + math.nan", "first at sample 1 of the record"),
+    ],
 )
-def test_a_simulation_that_diverges_says_where(tmp_path, bench, capsys, equation, sample):
+def test_a_simulation_that_diverges_says_where(tmp_path, bench, capsys, equation, where):
     text = SERVO.replace("p[0] * u[0] - p[1] * x[1] - p[2] * x[0]", equation)
     (tmp_path / "diverges.py").write_text(f"import math\n{text}")
     assert main(["diagnose", str(bench / "bench.csv"), "--model", str(tmp_path / "diverges.py")]) == 1
     told = capsys.readouterr().err
-    assert re.search(rf"The simulation diverges: .* first at sample {sample} of the record", told)
+    assert re.search(rf"The simulation diverges: .*{where}", told)
     assert "Check the signs of its terms" in told
 
 

@@ -55,7 +55,7 @@ def tank(rng, missing: str) -> Trial:
 
 
 def oven(rng, missing: str) -> Trial:
-    """An oven that warms its walls."""
+    """An oven that warms its walls, which follow slowly: that is creep, too."""
     dt = 5.0
 
     @njit
@@ -73,7 +73,7 @@ def oven(rng, missing: str) -> Trial:
         "states": ["oven [K]"],
         "inputs": ["heater [W]"],
     }
-    return Trial((missing,), u, machine(rates, u, dt, [0.0] * 2)[:, :1], simulation)
+    return Trial((missing, "creep"), u, machine(rates, u, dt, [0.0] * 2)[:, :1], simulation)
 
 
 def pneumatic_cylinder(rng, missing: str) -> Trial:

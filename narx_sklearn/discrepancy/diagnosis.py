@@ -148,6 +148,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
     length = settings.window or window_length(simulator, pace, n_samples)
     shortest = 4 * (int(simulator.free_states.sum()) + 1)
+    _check_growth(simulator, pace, shortest)
     windows = spread_out(cut(pieces, length, shortest))
     if not windows.count:
         raise ValueError(
@@ -321,6 +322,17 @@ def _judged(
     stand_in = bool(follows) or _stand_in(refitted, best, leftover, settings.alpha)
     verdict = _decide(refitted, best, alternatives, unnamed, leftover, settings.alpha)
     return _Judgement("unknown" if stand_in else verdict, best, alternatives, unnamed, stand_in, follows)
+
+
+def _check_growth(simulator: Simulator, pace: Pace, shortest: int) -> None:
+    """Raise where equations grow so fast that they are no machine's: a run is lost within any window."""
+    if simulator.discrete or followed_for(simulator, pace) >= shortest / 2:
+        return
+    raise ValueError(
+        f"The simulation diverges: as it stands it grows e-fold in {1 / (pace.growth * simulator.dt):.2g} "
+        f"samples, so even a window of {shortest} samples is lost. Check the signs of its terms, its units "
+        f"and its dt={simulator.dt:.6g}."
+    )
 
 
 def _check_finite(problem: Problem, refitted: Fit) -> None:
