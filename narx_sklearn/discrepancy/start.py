@@ -27,27 +27,34 @@ def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
     """
     whole = Windows.whole([piece for piece, _ in pieces])
     known = simulator.known_states(u, y, whole.first)
-    x, lost = _followed(simulator, u, y, whole, np.where(np.isfinite(known), known, 0.0))
-    inside = np.isfinite(x).all(axis=1)
-    if not lost or not inside.any():
+    x, astray = _followed(simulator, u, y, whole, np.where(np.isfinite(known), known, 0.0))
+    if not astray.any() or astray.all():  # all: what was measured is something else
         return x
     n_samples = int(np.sum(whole.last - whole.first))
     shortest = 4 * (int(simulator.free_states.sum()) + 1)
     windows = cut(pieces, max(shortest, n_samples // AFRESH), 1)
-    structure = find_structure(simulator, x[inside], u[inside])
-    middle = np.broadcast_to(np.median(x[inside], axis=0), x.shape)
-    return _followed(simulator, u, y, windows, guess_states(simulator, u, y, windows, structure, middle))[0]
+    near = x[_rows(whole)[~astray]]
+    structure = find_structure(simulator, near, u[_rows(whole)[~astray]])
+    middle = np.broadcast_to(np.median(near, axis=0), x.shape)
+    again, astray = _followed(
+        simulator, u, y, windows, guess_states(simulator, u, y, windows, structure, middle)
+    )
+    again[_rows(windows)[astray]] = np.nan
+    return again
 
 
-def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the states of a run, NaN where it is lost, and whether it was."""
-    run = simulator.run(u, windows, x0)
+def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states of a run, (n_samples, n_states), and where in its windows it is lost."""
+    run, rows = simulator.run(u, windows, x0), _rows(windows)
     spread = np.nanstd(y, axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
-        astray = (np.abs(run.y - y) > ASTRAY * np.where(spread > 0, spread, np.inf)).any(axis=1)
-    astray |= ~np.isfinite(run.x).all(axis=1)
-    rows = np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
-    return np.where(astray[:, None], np.nan, run.x), bool(astray[rows].any())
+        far = np.abs(run.y - y)[rows] > ASTRAY * np.where(spread > 0, spread, np.inf)
+    return run.x, far.any(axis=1) | ~np.isfinite(run.x[rows]).all(axis=1)
+
+
+def _rows(windows: Windows) -> np.ndarray:
+    """Return the samples that lie in windows."""
+    return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
 
 
 def guess_states(
