@@ -1,6 +1,6 @@
 """Mistakes in a record that would be sold as physics: found before the diagnosis begins."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -181,7 +181,7 @@ def _duplicated_samples(u, y, pieces):
         distinct = min((np.unique(column).size for column in changing.T), default=0)
         n_seen += same.size
         if len(changing) and distinct >= DISTINCT * len(changing):
-            repeated += sum(b - a for a, b in _runs(same) if b - a < HELD_RUN)
+            repeated += sum(b - a for a, b in true_runs(same) if b - a < HELD_RUN)
     if repeated >= max(SUSPICIOUS_COUNT, SUSPICIOUS_SHARE * n_seen):
         yield DataFinding(
             "duplicated_samples",
@@ -219,7 +219,7 @@ def _opening_rest(column, level) -> int:
     return int(moved[0]) if moved.size else column.size
 
 
-def _runs(flags):
+def true_runs(flags: np.ndarray) -> Iterator[tuple[int, int]]:
     """Yield (start, stop) of the runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return zip(edges[::2], edges[1::2], strict=True)

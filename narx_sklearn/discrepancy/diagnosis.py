@@ -51,6 +51,7 @@ from narx_sklearn.discrepancy.windows import (
     cut,
     find_pace,
     followed_for,
+    shortest_window,
     spread_out,
     window_length,
 )
@@ -147,7 +148,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     pace = find_pace(simulator, x[inside], u[inside])
     n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
     length = settings.window or window_length(simulator, pace, n_samples)
-    shortest = 4 * (int(simulator.free_states.sum()) + 1)
+    shortest = shortest_window(simulator)
     _check_growth(simulator, pace, shortest)
     windows = spread_out(cut(pieces, length, shortest))
     if not windows.count:
@@ -369,21 +370,14 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
     What grows, or turns over, takes a long run far away before parameters that are somewhat wrong can be told
     from it.
     """
-    first = shorter[0]
-    found = fit_initial_states(
-        _over(problem, first), guess_states(problem.simulator, problem.u, problem.y, first, structure, x)
-    )
-    now = _over(problem, first)
-    found = fit(now, found.model)
+    now = problem.over(shorter[0])
+    x0 = guess_states(now.simulator, now.u, now.y, now.windows, structure, x)
+    found = fit(now, fit_initial_states(now, x0).model)
     for windows in (*shorter[1:], problem.windows):
-        longer = _over(problem, windows)
+        longer = problem.over(windows)
         found = fit(longer, found.model._replace(x0=_states_at(now, found, windows)))
         now = longer
     return found
-
-
-def _over(problem: Problem, windows: Windows) -> Problem:
-    return Problem(problem.simulator, problem.u, problem.y, windows, problem.noise)
 
 
 def _states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
@@ -399,7 +393,7 @@ def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem
     What an integrator adds up over a long window tells far more than the same samples cut into many short
     ones, each with initial states of its own; but far from the right parameters a long run is lost.
     """
-    longer = _over(problem, windows)
+    longer = problem.over(windows)
     if not windows.count or windows.count >= problem.windows.count:
         return problem, found
     refitted = fit(longer, found.model._replace(x0=_states_at(problem, found, windows)))

@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Run, Simulator
+from narx_sklearn.discrepancy.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
@@ -56,9 +56,7 @@ def enumerate_hypotheses(
 ) -> list[Hypothesis]:
     """Return the hypotheses that can act on this record, in the order given; last those nobody asks for."""
     simulator = problem.simulator
-    order = np.concatenate(
-        [np.arange(a, b) for a, b in zip(problem.windows.first, problem.windows.last, strict=True)]
-    )
+    order = covered(problem.windows)
     material = _Material(simulator, problem, run, order, _time(problem), _firsts(problem))
     asked = tuple(effects)
     places = [

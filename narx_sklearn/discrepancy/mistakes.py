@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.windows import shortest_window
 
 BOX = 0.45  # parameters may be this far off, relatively, before data are suspected
 DECISIVE = 0.25  # share of the error's variance that may be left after undoing a mistake
@@ -95,7 +96,7 @@ def make_case(simulator: Simulator, u, y, pieces) -> Case | None:
     """Return the record in a few windows, None where it is too short for any."""
     boxed = copy(simulator)
     boxed.parameters = tuple(_boxed(parameter) for parameter in simulator.parameters)
-    shortest = max(SHORTEST, 4 * (int(simulator.free_states.sum()) + 1))
+    shortest = max(SHORTEST, shortest_window(simulator))
     n_samples = sum(piece.stop - piece.start for piece in pieces)
     segment = max(n_samples // WINDOWS, 2 * shortest)
     first, last, began = [], [], []
@@ -223,7 +224,7 @@ def agreement_at_best(case: Case, *, scaled: bool) -> Agreement | None:
     if whole is not None and whole.error < EXCUSED:
         return whole
     first, last = case.windows.first, case.windows.last
-    shortest = max(SHORTEST, 4 * (int(case.simulator.free_states.sum()) + 1))
+    shortest = max(SHORTEST, shortest_window(case.simulator))
     parts = np.minimum(last, first + np.maximum((last - first) // PART, shortest))
     begun = agreement(replace(case, windows=case.windows._replace(last=parts)), scaled=scaled)
     grown = None if begun is None else agreement(case, scaled=scaled, start=begun.model)

@@ -72,6 +72,10 @@ class Problem:
         """Return the problem with another noise model."""
         return Problem(self.simulator, self.u, self.y, self.windows, noise)
 
+    def over(self, windows: Windows) -> "Problem":
+        """Return the problem over other windows."""
+        return Problem(self.simulator, self.u, self.y, windows, self.noise)
+
     @property
     def n_seen(self) -> int:
         """Number of residuals that count."""

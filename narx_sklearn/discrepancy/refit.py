@@ -106,8 +106,7 @@ def fit(
     scale_q = np.where(q != 0, np.abs(q), 1.0)
     chosen = np.flatnonzero(problem.simulator.free_states)
     # through a coarse sensor each window could choose among states that differ in rounding alone
-    is_felt = all(effect.port.kind != "output" for effect in model.effects)
-    least = 0.0 if is_felt else LUCK
+    least = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
     damping, converged = 1e-3, False
     run = problem.run(model)
     x_steps = state_scale(problem, model, run)

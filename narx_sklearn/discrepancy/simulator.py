@@ -295,7 +295,7 @@ class Simulator(ABC):
 
     def _warn_of_trouble(self, run: Run, u: np.ndarray, windows: Windows) -> None:
         """Warn, with the sample, of what makes a run useless."""
-        inside = _covered(windows, u.shape[0])
+        inside = covered(windows)
         lost = inside[~np.isfinite(run.y[inside]).all(axis=1)]
         if lost.size:
             k = int(lost[0])
@@ -396,7 +396,7 @@ def _applied(
     return out, tilt
 
 
-def _covered(windows: Windows, n_samples: int) -> np.ndarray:
+def covered(windows: Windows) -> np.ndarray:
     """Return the samples inside the windows, in order."""
     if windows.count == 0:
         return np.arange(0)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.checks import DataFinding
+from narx_sklearn.discrepancy.checks import DataFinding, true_runs
 from narx_sklearn.discrepancy.simulator import Signal
 
 ALONE = 2  # samples of one spike, at most
@@ -68,9 +68,8 @@ def _standing_out(signal: np.ndarray, pieces: Iterable[slice], far: float) -> np
 
 def _short_runs(mask: np.ndarray) -> np.ndarray:
     """Return the mask without runs of more than a few samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     kept = np.zeros(mask.size, dtype=bool)
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
+    for a, b in true_runs(mask):
         kept[a:b] = b - a <= ALONE
     return kept
 

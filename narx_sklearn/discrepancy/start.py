@@ -4,9 +4,9 @@ import numpy as np
 
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.structure import Structure, find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.windows import cut, shortest_window
 
 ITERATIONS = 10
 ASTRAY = 100.0  # times an output's spread, by which a run has lost the recording
@@ -31,30 +31,25 @@ def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
     if not astray.any() or astray.all():  # all: what was measured is something else
         return x
     n_samples = int(np.sum(whole.last - whole.first))
-    shortest = 4 * (int(simulator.free_states.sum()) + 1)
-    windows = cut(pieces, max(shortest, n_samples // AFRESH), 1)
-    near = x[_rows(whole)[~astray]]
-    structure = find_structure(simulator, near, u[_rows(whole)[~astray]])
+    windows = cut(pieces, max(shortest_window(simulator), n_samples // AFRESH), 1)
+    kept = covered(whole)[~astray]
+    near = x[kept]
+    structure = find_structure(simulator, near, u[kept])
     middle = np.broadcast_to(np.median(near, axis=0), x.shape)
     again, astray = _followed(
         simulator, u, y, windows, guess_states(simulator, u, y, windows, structure, middle)
     )
-    again[_rows(windows)[astray]] = np.nan
+    again[covered(windows)[astray]] = np.nan
     return again
 
 
 def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the states of a run, (n_samples, n_states), and where in its windows it is lost."""
-    run, rows = simulator.run(u, windows, x0), _rows(windows)
+    run, rows = simulator.run(u, windows, x0), covered(windows)
     spread = np.nanstd(y, axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         far = np.abs(run.y - y)[rows] > ASTRAY * np.where(spread > 0, spread, np.inf)
     return run.x, far.any(axis=1) | ~np.isfinite(run.x[rows]).all(axis=1)
-
-
-def _rows(windows: Windows) -> np.ndarray:
-    """Return the samples that lie in windows."""
-    return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
 
 
 def guess_states(

@@ -97,7 +97,7 @@ def _fitted_to(problem: Problem, model: Model, chosen: np.ndarray) -> Model:
     windows = problem.windows
     fresh = np.ones(int(chosen.sum()), dtype=bool)
     part = Windows(windows.first[chosen], windows.last[chosen], fresh, windows.began[chosen])
-    alone = Problem(problem.simulator, problem.u, problem.y, part, problem.noise)
+    alone = problem.over(part)
     found = fit(alone, model._replace(x0=model.x0[chosen]), iterations=ITERATIONS)
     return model._replace(p=found.model.p) if np.isfinite(found.cost) else model
 

@@ -40,8 +40,8 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
     n, theta, bounds = placed.effect.valleys, np.array(placed.theta), placed.bounds
     moving = np.arange(theta.size) != placed.effect.begin
     points = np.full((n, theta.size), 0.5)
-    spread = qmc.Halton(int(moving.sum()), scramble=False)
-    points[:, moving] = spread.random(n + 1)[1:]  # the first is a corner
+    even = qmc.Halton(int(moving.sum()), scramble=False)
+    points[:, moving] = even.random(n + 1)[1:]  # the first is a corner
     lower, upper = bounds.T
     ranged = np.isfinite(lower) & np.isfinite(upper)
     width = np.where(ranged, octaves * (upper - lower), 0.0)

@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.windows import cut, shortest_window
 
 BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000
@@ -191,7 +191,7 @@ def gained(
         enough.
     """
     length = int(np.median(problem.windows.last - problem.windows.first))
-    windows = cut(pieces, length, 4 * (int(problem.simulator.free_states.sum()) + 1))
+    windows = cut(pieces, length, shortest_window(problem.simulator))
     if not windows.count:
         return np.empty(0)
     starts: list[np.ndarray] = []

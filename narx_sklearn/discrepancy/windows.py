@@ -107,6 +107,11 @@ def window_length(simulator: Simulator, pace: Pace, n_samples: int) -> int:
     return int(max(min(length, LONGEST / FEWEST), 8 * (n_free + 1)))
 
 
+def shortest_window(simulator: Simulator) -> int:
+    """Return the number of samples below which a window tells nothing beyond its initial state."""
+    return 4 * (int(simulator.free_states.sum()) + 1)
+
+
 def followed_for(simulator: Simulator, pace: Pace) -> float:
     """Return for how many samples a run follows a machine: infinitely many where nothing grows."""
     return GROWTHS / (pace.growth * simulator.dt) if pace.growth > 0 else np.inf
