@@ -22,6 +22,9 @@ MAX_THETA = 16  # parameters of one effect; the last one is the share that spill
 SPILL = MAX_THETA - 1
 MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
 AT_ONCE = 1e-6  # of a step
+NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides
+FINER = 8
+AHEAD = 1.5
 PUSH = 1e-6  # of an input, to feel how a force beside it moves its argument
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
@@ -150,6 +153,54 @@ def _shared(force, share):
     return share * force if share != 0.0 else 0.0
 
 
+@njit(nogil=True, inline="always")
+def _comes_to(weights, which, x, slope, r, h, ahead, push):
+    """Return whether the signal ``weights[which] @ x`` is at zero or may come to it within a step.
+
+    ``ahead`` times as fast as it moves, and faster by a ``push``.
+    """
+    signal, rate = 0.0, 0.0
+    for i in range(x.size):
+        signal += weights[which, i] * x[i]
+        rate += weights[which, i] * slope[r, i]
+    return abs(signal) <= h * (ahead * abs(rate) + push)
+
+
+@njit(nogil=True)
+def _settle(equation, x, u, p, switch, width, h, raw, rates, sides):
+    """Change rates so that a switch near the state does in a step what it does in the limit of short ones.
+
+    Where both sides lead to it, the state comes to rest on the switch in one step, as far as the jump can
+    hold the load; else it passes, and the jump is spread evenly over the step. What is held of a load between
+    once and twice the jump's fades, so that the rates are continuous.
+    """
+    n = x.size
+    side, over, under = sides[0], sides[1], sides[2]
+    distance, length = 0.0, 0.0
+    for i in range(n):
+        distance += switch[i] * x[i]
+        length += switch[i] * switch[i]
+    for i in range(n):
+        side[i] = x[i] + max(width - distance, 0.0) * switch[i] / length
+    _write(equation, side, u, p, over)
+    for i in range(n):
+        side[i] = x[i] - max(width + distance, 0.0) * switch[i] / length
+    _write(equation, side, u, p, under)
+    limit, load = 0.0, 0.0
+    for i in range(n):
+        limit += switch[i] * 0.5 * (under[i] - over[i])
+        load += switch[i] * (rates[i] + 0.5 * (under[i] + over[i]) - raw[i])
+    if not limit > 0.0:
+        return
+    held = load
+    if abs(load) > limit:
+        held = max(2.0 * limit - abs(load), 0.0) * (1.0 if load > 0.0 else -1.0)
+    gentler = 2.0 * limit / abs(load) if abs(load) > 2.0 * limit else 1.0
+    share = min(max((held + gentler * distance / h) / limit, -1.0), 1.0)
+    for i in range(n):
+        rates[i] += 0.5 * (over[i] + under[i]) - raw[i] + share * 0.5 * (over[i] - under[i])
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
@@ -171,9 +222,13 @@ def _simulate_windows(
     memory,
     jumps,
     after,
+    sticks,
     inertial,
     begins,
     ends,
+    switches,
+    authority,
+    width,
     p,
     x0,
     u,
@@ -203,7 +258,9 @@ def _simulate_windows(
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
     `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
-    steps that start between its times `begins` and `ends`, counted from where the session began.
+    steps that start between its times `begins` and `ends`, counted from where the session began. The
+    equations jump by about twice an `authority` where one of the `switches` @ x is zero, to within a `width`.
+    A step in which that happens, or a force that `sticks` turns about, is parted.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
     MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
     """
@@ -215,7 +272,8 @@ def _simulate_windows(
     x = np.empty(n_states)
     stage = np.empty(n_states)
     slope = np.empty((4, n_states))
-    nominal, pushed = np.empty(n_states), np.empty(n_states)
+    nominal, pushed, settled = np.empty(n_states), np.empty(n_states), np.empty(n_states)
+    sides = np.empty((3, n_states))
     before = np.empty(n_states)
     now = np.empty(n_inputs)
     observed = np.empty(n_outputs)
@@ -224,16 +282,14 @@ def _simulate_windows(
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
-    h = dt / substeps
     tilted = tilt.shape[0] > 0
-    # a map adds whole increments, so to a force its step counts as one, but a memory lives in time
-    force_step = 1.0 if discrete else h
-    own_step = np.full(MAX_EFFECTS, force_step)
-    for e in range(n_forces):
-        if discrete and (memory[e] > 0 or inertial[e]):
-            own_step[e] = dt
     failed = -1
     n_stages = 1 if discrete else 4
+    n_switches = switches.shape[0]
+    watched = n_switches > 0
+    for e in range(n_forces):
+        watched = watched or sticks[e]
+    watched = watched and not discrete
     for w in range(first.size):
         if fresh[w]:
             z[:] = 0.0
@@ -263,145 +319,175 @@ def _simulate_windows(
             for i in range(n_outputs):
                 y_out[k, i] = observed[i]
             for s in range(substeps):
-                for i in range(n_states):
-                    before[i] = x[i]
-                for r in range(n_stages):
-                    # Runge-Kutta of order four: stages at 0, h/2, h/2, h
-                    step = 0.0 if r == 0 else (0.5 * h if r < 3 else h)
+                parts, part = 1, 0
+                h = dt / substeps
+                while part < parts:
+                    # a map adds whole increments, so to a force its step counts as one
+                    force_step = 1.0 if discrete else h
                     for i in range(n_states):
-                        stage[i] = x[i] if r == 0 else x[i] + step * slope[r - 1, i]
-                    for e in range(n_forces):
-                        for j in range(memory[e]):
-                            z_stage[e, j] = z[e, j]
-                            if r > 0 and not jumps[e]:
-                                z_stage[e, j] += step * dz[4 * e + r - 1, j]
-                    if linear_hold and k + 1 < last[w]:
-                        ahead = (s * h + step) / dt
-                        for i in range(n_inputs):
-                            now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
-                    elif tilted:
-                        for i in range(n_inputs):
-                            now[i] = u[k, i] + ((s * h + step) / dt - 0.5) * tilt[k, i]
-                    _write(equation, stage, now, p, nominal)
-                    for i in range(n_states):
-                        slope[r, i] = nominal[i]
-                    time = since + s * h + step
-                    for e in range(n_forces):
-                        argument = 0.0
-                        rate = 0.0
+                        before[i] = x[i]
+                    reached = s * dt / substeps + part * h
+                    r = 0
+                    while r < n_stages:
+                        # Runge-Kutta of order four: stages at 0, h/2, h/2, h
+                        step = 0.0 if r == 0 else (0.5 * h if r < 3 else h)
                         for i in range(n_states):
-                            argument += weights[e, i] * stage[i]
-                            if discrete:
-                                rate += weights[e, i] * (nominal[i] - stage[i]) / dt
+                            stage[i] = x[i] if r == 0 else x[i] + step * slope[r - 1, i]
+                        for e in range(n_forces):
+                            for j in range(memory[e]):
+                                z_stage[e, j] = z[e, j]
+                                if r > 0 and not jumps[e]:
+                                    z_stage[e, j] += step * dz[4 * e + r - 1, j]
+                        if linear_hold and k + 1 < last[w]:
+                            ahead = (reached + step) / dt
+                            for i in range(n_inputs):
+                                now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
+                        elif tilted:
+                            for i in range(n_inputs):
+                                now[i] = u[k, i] + ((reached + step) / dt - 0.5) * tilt[k, i]
+                        _write(equation, stage, now, p, nominal)
+                        for i in range(n_states):
+                            settled[i] = slope[r, i] = nominal[i]
+                        for e in range(n_switches):
+                            push = NEAR * authority[e]
+                            if _comes_to(switches, e, stage, slope, r, h, 1.0, push):
+                                across = _row(switches, e)
+                                _settle(equation, stage, now, p, across, width[e], h, nominal, settled, sides)
+                                for i in range(n_states):
+                                    slope[r, i] = settled[i]
+                        time = since + reached + step
+                        for e in range(n_forces):
+                            argument = 0.0
+                            rate = 0.0
+                            for i in range(n_states):
+                                argument += weights[e, i] * stage[i]
+                                if discrete:
+                                    rate += weights[e, i] * (settled[i] - stage[i]) / dt
+                                else:
+                                    rate += weights[e, i] * settled[i]
+                            other = _weighed(_row(seconds, e), now, stage)
+                            # in a map the port's own increment stands for its rate
+                            own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
+                            within = force_step * (AT_ONCE if after[e] else 1.0)
+                            if discrete and (memory[e] > 0 or inertial[e]):
+                                within = dt  # a memory lives in time
+                            gain = answer[e]
+                            if through[e] >= 0:
+                                entered = now[through[e]]
+                                nudge = PUSH * (1.0 + abs(entered))
+                                now[through[e]] = entered + nudge
+                                _write(equation, stage, now, p, pushed)
+                                now[through[e]] = entered
+                                gain = 0.0
+                                for i in range(n_states):
+                                    gain += weights[e, i] * (pushed[i] - nominal[i]) / nudge
+                            if gain > 0.0:  # a force of a rate; else its argument is a position
+                                own = 0.0
+                                for i in range(n_states):
+                                    own += weights[e, i] * slope[r, i] / gain
+                                within *= gain
+                            if inertial[e]:
+                                own = rate + weights[e, port[e]] * (slope[r, port[e]] - settled[port[e]]) / dt
+                                other = own if np.isnan(other) else other
+                                # the last two values tell the rate half a step ago: half of what it gains
+                                # in a step has come since, the other half is still to come
+                                own *= 0.5
+                                argument += own * dt
+                            force = _force_at(force_addresses[e])(
+                                argument,
+                                rate,
+                                own,
+                                other,
+                                time,
+                                within,
+                                _row(z_stage, e),
+                                _row(theta, e),
+                                _row(dz, 4 * e + r),
+                            )
+                            force = _shared(force, share[e] * (dt * dt if inertial[e] else 1.0))
+                            if through[e] >= 0:
+                                now[through[e]] = entered + force
+                                _write(equation, stage, now, p, pushed)
+                                now[through[e]] = entered
+                                for i in range(n_states):
+                                    slope[r, i] += pushed[i] - nominal[i]
                             else:
-                                rate += weights[e, i] * nominal[i]
-                        other = _weighed(_row(seconds, e), now, stage)
-                        # in a map the port's own increment stands for its rate
-                        own = slope[r, port[e]] - (stage[port[e]] if discrete else 0.0)
-                        within = own_step[e] * (AT_ONCE if after[e] else 1.0)
-                        gain = answer[e]
-                        if through[e] >= 0:
-                            entered = now[through[e]]
-                            push = PUSH * (1.0 + abs(entered))
-                            now[through[e]] = entered + push
-                            _write(equation, stage, now, p, pushed)
-                            now[through[e]] = entered
-                            gain = 0.0
-                            for i in range(n_states):
-                                gain += weights[e, i] * (pushed[i] - nominal[i]) / push
-                        if gain > 0.0:  # a force of a rate; else its argument is a position
-                            own = 0.0
-                            for i in range(n_states):
-                                own += weights[e, i] * slope[r, i] / gain
-                            within *= gain
-                        if inertial[e]:
-                            own = rate + weights[e, port[e]] * (slope[r, port[e]] - nominal[port[e]]) / dt
-                            other = own if np.isnan(other) else other
-                            # the last two values tell the rate half a step ago: half of what it gains in a
-                            # step has come since, the other half is still to come
-                            own *= 0.5
-                            argument += own * dt
+                                slope[r, port[e]] += force
+                            if onward[e] >= 0:
+                                slope[r, onward[e]] -= theta[e, SPILL] * force
+                        if r == 0 and parts == 1 and watched:
+                            near = False
+                            for e in range(n_switches):
+                                near = near or _comes_to(switches, e, x, slope, 0, h, AHEAD, 0.0)
+                            for e in range(n_forces):
+                                if sticks[e] and share[e] != 0.0:
+                                    near = near or _comes_to(weights, e, x, slope, 0, h, AHEAD, 0.0)
+                            if near:
+                                parts = FINER
+                                h /= FINER
+                                force_step = h
+                                continue
+                        r += 1
+                    if discrete:
+                        for i in range(n_states):
+                            x[i] = slope[0, i]
+                    else:
+                        for i in range(n_states):
+                            x[i] += h / 6.0 * (slope[0, i] + 2 * slope[1, i] + 2 * slope[2, i] + slope[3, i])
+                    for e in range(n_forces):
+                        if not after[e]:
+                            continue
+                        argument, rate = _moved(weights, e, before, x, h)
+                        other = _weighed(_row(seconds, e), now, before)
+                        own = (x[port[e]] - before[port[e]]) / force_step
+                        time = since + reached
                         force = _force_at(force_addresses[e])(
                             argument,
                             rate,
                             own,
                             other,
                             time,
-                            within,
+                            force_step,
                             _row(z_stage, e),
                             _row(theta, e),
-                            _row(dz, 4 * e + r),
+                            _row(dz, 4 * e),
                         )
-                        force = _shared(force, share[e] * (dt * dt if inertial[e] else 1.0))
-                        if through[e] >= 0:
-                            now[through[e]] = entered + force
-                            _write(equation, stage, now, p, pushed)
-                            now[through[e]] = entered
-                            for i in range(n_states):
-                                slope[r, i] += pushed[i] - nominal[i]
-                        else:
-                            slope[r, port[e]] += force
+                        force = _shared(force, share[e] * force_step)
+                        x[port[e]] += force
                         if onward[e] >= 0:
-                            slope[r, onward[e]] -= theta[e, SPILL] * force
-                if discrete:
-                    for i in range(n_states):
-                        x[i] = slope[0, i]
-                else:
-                    for i in range(n_states):
-                        x[i] += h / 6.0 * (slope[0, i] + 2 * slope[1, i] + 2 * slope[2, i] + slope[3, i])
-                for e in range(n_forces):
-                    if not after[e]:
-                        continue
-                    argument, rate = _moved(weights, e, before, x, h)
-                    other = _weighed(_row(seconds, e), now, before)
-                    own = (x[port[e]] - before[port[e]]) / force_step
-                    time = since + s * h
-                    force = _force_at(force_addresses[e])(
-                        argument,
-                        rate,
-                        own,
-                        other,
-                        time,
-                        force_step,
-                        _row(z_stage, e),
-                        _row(theta, e),
-                        _row(dz, 4 * e),
-                    )
-                    force = _shared(force, share[e] * force_step)
-                    x[port[e]] += force
-                    if onward[e] >= 0:
-                        x[onward[e]] -= theta[e, SPILL] * force
-                for e in range(n_forces):
-                    if discrete and memory[e] > 0 and not jumps[e]:
-                        # a memory goes on in time between the samples, while what it depends on moves evenly
-                        argument, rate = _moved(weights, e, before, x, dt)
-                        other = _weighed(_row(seconds, e), now, before)
-                        own = x[port[e]] - before[port[e]]
-                        if inertial[e]:
-                            own = 0.5 * rate
-                            argument += own * dt
-                        for r in range(4):
-                            step = 0.0 if r == 0 else (0.5 * dt if r < 3 else dt)
-                            for j in range(memory[e]):
-                                z_stage[e, j] = z[e, j] + (step * dz[4 * e + r - 1, j] if r > 0 else 0.0)
-                            _force_at(force_addresses[e])(
-                                argument + step * rate,
-                                rate,
-                                own,
-                                other,
-                                since + step,
-                                dt,
-                                _row(z_stage, e),
-                                _row(theta, e),
-                                _row(dz, 4 * e + r),
-                            )
-                    for j in range(memory[e]):
-                        if jumps[e]:
-                            z[e, j] = dz[4 * e, j]
-                        else:
-                            first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
-                            second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
-                            z[e, j] += h / 6.0 * (first_half + second_half)
+                            x[onward[e]] -= theta[e, SPILL] * force
+                    for e in range(n_forces):
+                        if discrete and memory[e] > 0 and not jumps[e]:
+                            # a memory goes on between the samples, while what it depends on moves evenly
+                            argument, rate = _moved(weights, e, before, x, dt)
+                            other = _weighed(_row(seconds, e), now, before)
+                            own = x[port[e]] - before[port[e]]
+                            if inertial[e]:
+                                own = 0.5 * rate
+                                argument += own * dt
+                            for r in range(4):
+                                step = 0.0 if r == 0 else (0.5 * dt if r < 3 else dt)
+                                for j in range(memory[e]):
+                                    z_stage[e, j] = z[e, j] + (step * dz[4 * e + r - 1, j] if r > 0 else 0.0)
+                                _force_at(force_addresses[e])(
+                                    argument + step * rate,
+                                    rate,
+                                    own,
+                                    other,
+                                    since + step,
+                                    dt,
+                                    _row(z_stage, e),
+                                    _row(theta, e),
+                                    _row(dz, 4 * e + r),
+                                )
+                        for j in range(memory[e]):
+                            if jumps[e]:
+                                z[e, j] = dz[4 * e, j]
+                            else:
+                                first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
+                                second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
+                                z[e, j] += h / 6.0 * (first_half + second_half)
+                    part += 1
     return failed
 
 
@@ -420,11 +506,11 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         INTEGERS,
-        *[FLAGS] * 3,
+        *[FLAGS] * 4,
+        *[VECTOR] * 2,
+        MATRIX,
         *[VECTOR] * 3,
-        MATRIX,
-        MATRIX,
-        MATRIX,
+        *[MATRIX] * 3,
         INTEGERS,
         INTEGERS,
         FLAGS,

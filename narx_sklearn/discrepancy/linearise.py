@@ -44,12 +44,16 @@ def central_differences(function, at: np.ndarray, steps: np.ndarray) -> np.ndarr
     return np.array(columns).T if columns else np.zeros((function(at).size, 0))
 
 
+def steps(at: np.ndarray) -> np.ndarray:
+    """Return the steps of central differences round a point."""
+    return STEP * np.maximum(np.abs(at), 1.0)
+
+
 def linearise(simulator: Simulator, x, u, p=None) -> Linearisation:
     """Return the derivatives of a simulator's equations, effects not counted, by central differences."""
     n = len(simulator.states)
     at = np.concatenate([np.asarray(x, dtype=float), np.asarray(u, dtype=float)])
-    steps = STEP * np.maximum(np.abs(at), 1.0)
-    J = central_differences(lambda v: np.concatenate(evaluate(simulator, v[:n], v[n:], p)), at, steps)
+    J = central_differences(lambda v: np.concatenate(evaluate(simulator, v[:n], v[n:], p)), at, steps(at))
     return Linearisation(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:])
 
 

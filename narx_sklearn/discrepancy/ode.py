@@ -9,8 +9,9 @@ import numpy as np
 
 from narx_sklearn._validation import check_choice
 from narx_sklearn.discrepancy.equations import compiled, picker
-from narx_sklearn.discrepancy.linearise import Linearisation, linearise, steady_state
+from narx_sklearn.discrepancy.linearise import Linearisation, linearise, steady_state, steps
 from narx_sklearn.discrepancy.simulator import Parameter, Signal, Simulator
+from narx_sklearn.discrepancy.switches import Switches, find_switches
 from narx_sklearn.exceptions import NarxWarning
 
 STABLE = 2.78  # |eigenvalue| times step at which a Runge-Kutta step of order four loses stability
@@ -42,7 +43,9 @@ class ODESimulator(Simulator):
         Indices of the states that are measured, or ``h(x, u, p)``. By default the states named as the
         outputs are, or else the first ones.
     substeps : int, default=1
-        Integration steps in one sampling period.
+        Integration steps in one sampling period. Where dry friction brings a motion to rest, or turns it
+        about, a step is parted further, and what the equations have as a sign, an ``if`` or a steep tanh of
+        a state, or of the difference of two states of one unit, sticks without chatter.
     hold : {"zero", "linear"}, default="zero"
         What the input does between samples.
 
@@ -97,6 +100,7 @@ class ODESimulator(Simulator):
         self.substeps = int(substeps)
         self.linear_hold = check_choice(hold, "hold", ("zero", "linear")) == "linear"
         self._try_out()
+        self._found: Switches = self._find_switches()
 
     def _read_output(self, output, labels):
         names = [state.name for state in self.states]
@@ -131,6 +135,23 @@ class ODESimulator(Simulator):
         _try(self.function, *sizes, len(self.states), "function", "rates, one for each state")
         if callable(self.output):
             _try(self.output, *sizes, len(self.outputs), "output", "values, one for each output")
+
+    def _find_switches(self) -> Switches:
+        p = np.where(self.nominal == 0, np.clip(1.0, *self.bounds.T), self.nominal)
+        n = len(self.states)
+
+        def rates(x, u):
+            values = self.function(x, u, p.copy())
+            return np.asarray(values, dtype=float).reshape(n)
+
+        units = [state.unit for state in self.states]
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # far from where the machine goes
+            return find_switches(rates, len(self.inputs), units, self.dt / self.substeps)
+
+    @property
+    def switches(self) -> Switches:
+        return self._found
 
     def _equations(self):
         equation = compiled(self.function, len(self.states))
@@ -227,7 +248,7 @@ class ODESimulator(Simulator):
         fastest = [0.0] * (PASSING + 1)
         if good.size and self.states:
             for k in good[np.linspace(0, good.size - 1, LOOKED_AT).astype(int)]:
-                A = linearise(self, run.x[k], u[k]).A
+                A = linearise(self, self.switches.clear_of(run.x[k], steps(run.x[k])), u[k]).A
                 if np.all(np.isfinite(A)):
                     eigenvalues = np.linalg.eigvals(A)
                     slow = eigenvalues.real <= 1e-6 * np.abs(eigenvalues)

@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.kernels import (
     simulate_windows,
 )
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
+from narx_sklearn.discrepancy.switches import Switches
 from narx_sklearn.exceptions import DivergenceWarning
 
 
@@ -100,6 +101,11 @@ class Simulator(ABC):
     @abstractmethod
     def _equations(self) -> tuple[Any, Any]:
         """Return the compiled right-hand side and output."""
+
+    @property
+    def switches(self) -> Switches:
+        """Where the equations jump: nowhere that is known of, but for equations in continuous time."""
+        return Switches.none(len(self.states))
 
     def _coefficients(self, p: np.ndarray) -> np.ndarray:
         """Return what the equations read where parameters are ``p``: the parameters, but for stand-ins."""
@@ -183,6 +189,7 @@ class Simulator(ABC):
                 equation_address(equation),
                 equation_address(output),
                 *_slots(forces, len(self.inputs), len(self.states)),
+                *self.switches,
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
                 driven,
@@ -333,7 +340,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     functions = [compiled_force(placed.effect.force) for placed, _ in forces]
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(3))
+    jumps, after, sticks, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(4))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
@@ -343,6 +350,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         effect = placed.effect
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
+        sticks[i] = effect.last
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
@@ -353,7 +361,7 @@ def _slots(forces, n_inputs: int, n_states: int):
             theta[i, SPILL] = placed.theta[-1]
     functions += [no_force()] * (MAX_EFFECTS - n)
     addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
-    flags = jumps, after, inertial
+    flags = jumps, after, sticks, inertial
     ways = port, onward, through
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 

@@ -49,7 +49,7 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     p_size = np.where(p != 0, np.abs(p), 1.0)
     Jx, Ju, Jp = [], [], []
     for k in points:
-        at_x, at_u = x[k], u[k]
+        at_x, at_u = simulator.switches.clear_of(x[k], STEP * x_size), u[k]
 
         def rates(x=at_x, u=at_u, p=None):
             return evaluate(simulator, x, u, p)[0]

@@ -53,8 +53,9 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
 
 
 def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return d rhs / d x at one point, (n_states, n_states), with steps that suit small units too."""
+    """Return d rhs / d x beside one point, (n_states, n_states), with steps that suit small units too."""
     steps = 1e-5 * np.maximum(np.abs(x), 1e-3)
+    x = simulator.switches.clear_of(x, steps)
     return central_differences(lambda v: evaluate(simulator, v, u)[0], x, steps)
 
 
