@@ -23,8 +23,9 @@ SPILL = MAX_THETA - 1
 MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
 AT_ONCE = 1e-6  # of a step
 NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides
-FINER = 8
-AHEAD = 1.5
+FINER = 8  # parts of a step in which a motion comes to rest, or turns about
+AHEAD = 1.5  # times what a signal changes in a step, from zero, where the step is so parted
+AT_REST = 1e-3  # of what pushes at it, the rate of what friction holds
 PUSH = 1e-6  # of an input, to feel how a force beside it moves its argument
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
@@ -154,16 +155,18 @@ def _shared(force, share):
 
 
 @njit(nogil=True, inline="always")
-def _comes_to(weights, which, x, slope, r, h, ahead, push):
-    """Return whether the signal ``weights[which] @ x`` is at zero or may come to it within a step.
-
-    ``ahead`` times as fast as it moves, and faster by a ``push``.
-    """
-    signal, rate = 0.0, 0.0
+def _dot(weights, which, x):
+    """Return the product of a row of weights with a vector."""
+    total = 0.0
     for i in range(x.size):
-        signal += weights[which, i] * x[i]
-        rate += weights[which, i] * slope[r, i]
-    return abs(signal) <= h * (ahead * abs(rate) + push)
+        total += weights[which, i] * x[i]
+    return total
+
+
+@njit(nogil=True, inline="always")
+def _turns(signal, rate, push, h):
+    """Return whether a signal may come to zero within a step, unless it rests there against a push."""
+    return abs(signal) <= AHEAD * h * abs(rate) and abs(rate) > AT_REST * abs(push)
 
 
 @njit(nogil=True)
@@ -347,14 +350,14 @@ def _simulate_windows(
                                 now[i] = u[k, i] + ((reached + step) / dt - 0.5) * tilt[k, i]
                         _write(equation, stage, now, p, nominal)
                         for i in range(n_states):
-                            settled[i] = slope[r, i] = nominal[i]
+                            settled[i] = nominal[i]
                         for e in range(n_switches):
-                            push = NEAR * authority[e]
-                            if _comes_to(switches, e, stage, slope, r, h, 1.0, push):
+                            distance = abs(_dot(switches, e, stage))
+                            if distance <= h * (abs(_dot(switches, e, settled)) + NEAR * authority[e]):
                                 across = _row(switches, e)
                                 _settle(equation, stage, now, p, across, width[e], h, nominal, settled, sides)
-                                for i in range(n_states):
-                                    slope[r, i] = settled[i]
+                        for i in range(n_states):
+                            slope[r, i] = settled[i]
                         time = since + reached + step
                         for e in range(n_forces):
                             argument = 0.0
@@ -418,10 +421,12 @@ def _simulate_windows(
                         if r == 0 and parts == 1 and watched:
                             near = False
                             for e in range(n_switches):
-                                near = near or _comes_to(switches, e, x, slope, 0, h, AHEAD, 0.0)
+                                signal, rate = _dot(switches, e, x), _dot(switches, e, _row(slope, 0))
+                                near = near or _turns(signal, rate, authority[e], h)
                             for e in range(n_forces):
                                 if sticks[e] and share[e] != 0.0:
-                                    near = near or _comes_to(weights, e, x, slope, 0, h, AHEAD, 0.0)
+                                    signal, rate = _dot(weights, e, x), _dot(weights, e, _row(slope, 0))
+                                    near = near or _turns(signal, rate, _dot(weights, e, settled), h)
                             if near:
                                 parts = FINER
                                 h /= FINER
