@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy import diagnosis
+from narx_sklearn.discrepancy import diagnosis, temporary
 from narx_sklearn.discrepancy.acting import correction
 from narx_sklearn.discrepancy.coloured_search import coloured_search
 from narx_sklearn.discrepancy.explain import Candidate
@@ -299,6 +299,22 @@ def test_noise_in_a_stretch_that_somebody_points_at_is_noise(seed, pole):
     y = make(parameters=(1.1, 0.7, 11.0)).simulate(u) + 0.01 * noise[:, None]
     start = 300 + 500 * seed
     assert searched_in(y, u, start, start + 700) is None
+
+
+def test_a_push_is_tried_however_many_others_lead(monkeypatch):
+    u = drive(3000)
+    pushed = make(parameters=(1.1, 0.7, 11.0)).with_effects(
+        [
+            PlacedEffect(
+                CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.8,), during=(20.0, 40.0)
+            )
+        ]
+    )
+    y = pushed.simulate(u) + 0.004 * np.random.default_rng(0).normal(size=(3000, 1))
+    monkeypatch.setattr(temporary, "LEADERS", 0)
+    _, _, (step,) = searched_in(y, u, 1000, 2000)
+    assert {c.effects[0].effect.code for c in step.candidates if c.effects[0].passes} == {"constant_load"}
+    assert best_of(step).effects[0].during == pytest.approx((20.0, 40.0), abs=8 * DT)
 
 
 def best_of(step):

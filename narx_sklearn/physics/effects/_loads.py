@@ -199,7 +199,7 @@ LOADS = (
     Effect(
         code="constant_load",
         title="Constant load",
-        sentence="Something pushes (or leaks) all the time.",
+        sentence="Something pushes, or leaks, with a force that stays the same.",
         equation="F",
         parameters=(EffectParameter("F", "{port}"),),
         starts=_constant_load_starts,
