@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
@@ -398,3 +398,16 @@ class TestIntervals:
     def test_a_large_p_value_leaves_even_odds_and_none_leaves_nothing(self):
         assert [confidence_in_nothing(p) for p in (1.0, 0.5)] == [0.5, 0.5]
         assert confidence_in_nothing(0.0) < 1e-290
+
+
+@pytest.mark.parametrize("spreads", [1.0, 30.0, 1000.0])
+def test_another_zero_of_the_sensor_is_an_offset_or_a_push(spreads):
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0, 3, 200), 10)[:, None]
+    y = make_stage(1.1, 0.8, 40.0).simulate(u)
+    y += y.std() * (0.01 * rng.standard_normal(y.shape) + spreads)
+    effects = ["sensor_bias", "constant_load", "creep", "extra_mode", "bouc_wen_hysteresis", "cogging"]
+    dx = DiscrepancyRegressor(make_stage(), effects=effects).fit(u, y)
+    # one that moves so slowly, or never yields, that it stands still is neither simpler nor likelier
+    assert dx.findings_[0].effect in ("sensor_bias", "constant_load")
+    assert dx.scores_["nrmse"]["augmented"] < 0.015

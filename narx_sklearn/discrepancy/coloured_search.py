@@ -5,7 +5,16 @@ import numpy as np
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import clearer_noise
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.explain import FINE, Candidate, Step, leaders, refit_leaders, search
+from narx_sklearn.discrepancy.explain import (
+    FINE,
+    Candidate,
+    Step,
+    leaders,
+    once_each,
+    refit_leaders,
+    search,
+    with_pushes,
+)
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise
@@ -16,6 +25,7 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
 # with which no kind of effect is silent
@@ -32,7 +42,7 @@ def coloured_search(
     residual = _without_structure(problem, bank)
     bank = bank.without_columns()
     faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
-    known = [] if faint else _leading(problem, refitted, bank, settings)
+    known = [] if faint else _leading(problem, refitted, bank, structure, settings)
     dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
     if dominated:
         # mostly structure, far from what its tangents show: only beside a full fit is the rest near them
@@ -82,10 +92,27 @@ def _under_clearer_noise(
     return problem, refitted, steps
 
 
-def _leading(problem: Problem, refitted: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
-    """Return the best single effects under white noise, the first of them fully fitted."""
+def _leading(
+    problem: Problem, refitted: Fit, bank: Bank, structure: Structure, settings: Settings
+) -> list[Candidate]:
+    """Return the best single effects under white noise, the first of them fully fitted.
+
+    Where the simulator's own parameters went far to make up for what is missing, as for a sensor in kelvin
+    in place of degrees, the way back from there is long, and what explains most beside their nominal values
+    is fitted too.
+    """
     placed = leaders(bank, settings.n_leaders, CERTAIN, 1.0)
-    return refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
+    p = problem.simulator.nominal
+    near = (np.abs(refitted.model.p) <= FAR * np.abs(p)) & (np.abs(p) <= FAR * np.abs(refitted.model.p))
+    if np.all(near | (p == 0)):
+        return found
+    model = refitted.model._replace(p=p)
+    nominal = fit(problem, model, free=np.zeros(model.q.size, dtype=bool))
+    bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
+    placed = with_pushes(bank, settings.n_leaders, CERTAIN)
+    found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
+    return once_each(sorted(found, key=lambda c: c.criterion))
 
 
 def _searched(

@@ -10,6 +10,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import (
+    LOAD,
     OFFSET,
     chance_of_noise,
     deviance,
@@ -179,6 +180,17 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     return found
 
 
+def with_pushes(bank: Bank, n: int, detection: Detection) -> list[PlacedEffect]:
+    """Return the hypotheses with the largest gains, and every constant push and offset.
+
+    Where little moves, or far from where a machine is, all effects are pushes, and those with more values may
+    stand before them.
+    """
+    placed = leaders(bank, len(bank.hypotheses), detection, 1.0)
+    first = set(list(dict.fromkeys(effect.place for effect in placed))[:n])
+    return [e for e in placed if e.place in first or e.effect.code in (LOAD, OFFSET)]
+
+
 def _speaking_for(placed: PlacedEffect, detection: Detection, scanned: set[str]) -> float:
     """Return the p-value of the test that can see such an effect, or what looks like it."""
     if placed.effect.code in LINES:
@@ -203,7 +215,7 @@ def refit_leaders(
     All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
     convergence. Where nothing is in the model yet, ``twins`` start from the simulator's own parameter values
     too: what the refit made of them without the effect may lie in another valley. Those ``known``, fitted
-    before under another noise, go on from there.
+    before under another noise, go on from there; of them the best are no less leaders.
     """
 
     def refitted(model, iterations: int, rough: bool) -> Candidate:
@@ -216,7 +228,9 @@ def refit_leaders(
         return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
 
     before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
-    places = dict.fromkeys(effect.place for effect in placed)
+    within = min((c.criterion for c in known), default=0.0) + IN_REACH
+    ahead = (c.effects[-1].place for c in known if c.criterion < within)
+    places = dict.fromkeys([*(effect.place for effect in placed), *ahead])
     models = [before[place] for place in places if place in before]
     run = problem.run(base.model)
     models += Parallel(n_jobs=n_jobs, prefer="threads")(
@@ -224,7 +238,7 @@ def refit_leaders(
     )
     left_behind: list[Candidate] = []
     for iterations, most in ROUNDS:
-        found = _once_each(round_of(models, iterations))
+        found = once_each(round_of(models, iterations))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
         if iterations == ROUNDS[0][0] and not (base.model.effects or before):
@@ -249,7 +263,7 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(settled)(c) for c in found)
 
 
-def _once_each(candidates: list[Candidate]) -> list[Candidate]:
+def once_each(candidates: list[Candidate]) -> list[Candidate]:
     """Return the first candidate with each last effect."""
     first: dict[tuple, Candidate] = {}
     for candidate in candidates:

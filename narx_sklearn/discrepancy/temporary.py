@@ -17,8 +17,8 @@ from narx_sklearn.discrepancy.explain import (
     Candidate,
     Step,
     gains,
-    leaders,
     refit_leaders,
+    with_pushes,
 )
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
@@ -29,7 +29,6 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stretches import Stretches
 from narx_sklearn.discrepancy.structure import Structure
-from narx_sklearn.physics.effects import Effect
 
 DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
 OF_TIME = {*DRIFTS, "stuck_sensor", "quantisation"}  # have times of their own, or none
@@ -211,25 +210,11 @@ def _found_in(
     taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
-    found = refit_leaders(own, start, _leading(bank), settings.n_jobs, finished=1, twins=0)
+    placed = with_pushes(bank, LEADERS, CERTAIN)
+    found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
     if not found:
         return None
     return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
-
-
-def _leading(bank: Bank) -> list[PlacedEffect]:
-    """Return the effects that explain most, and every constant push.
-
-    What hardly moves for a while all effects are pushes to, and those with more values may stand before them.
-    """
-    placed = leaders(bank, len(bank.hypotheses), CERTAIN, 1.0)
-    first = set(list(dict.fromkeys(effect.place for effect in placed))[:LEADERS])
-    return [e for e in placed if e.place in first or _is_push(e.effect)]
-
-
-def _is_push(effect: Effect) -> bool:
-    """Tell whether an effect is the same at all times while it acts."""
-    return effect.argument == "none" and effect.second is None and len(effect.parameters) == 1
 
 
 def _left_outside(touched: np.ndarray, start: Fit) -> float:
