@@ -3,6 +3,8 @@
 import re
 import shutil
 import subprocess
+from copy import copy
+from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -12,6 +14,7 @@ import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned
@@ -146,6 +149,18 @@ def test_a_consistent_simulation_gets_a_report_without_findings():
     assert dx.verdict_ in ("refit", "consistent")
     page = render_report(dx, u, y)
     assert "No effect was added." in page
+
+
+def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
+    dx, u, y = case
+    told = copy(dx)
+    told.findings_ = [replace(dx.findings_[0], during=(10.0, 25.5)), *dx.findings_[1:]]
+    sign = Sign("bursts", "It comes in bursts.", 1e-6)
+    told._diagnosis = replace(dx._diagnosis, against_noise=(sign,))
+    text = " ".join(Page(render_report(told, u, y)).text)
+    assert f"{dx.findings_[0].place}, from 10 s to 25.5 s" in text
+    assert "What these leave is no noise. It comes in bursts." in text
+    assert "no noise" not in " ".join(Page(render_report(*case)).text)
 
 
 def test_the_curve_of_the_data_is_found_without_the_effect(case):

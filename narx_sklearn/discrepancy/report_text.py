@@ -60,10 +60,16 @@ def _what(dx) -> list[str]:
         if not finding.modelled:
             lines.append(f"   What would tell more: {finding.separate_by}.")
         lines.append("")
+    left = what_is_left(dx)
+    return [*lines, left, ""] if left else lines
+
+
+def what_is_left(dx) -> str:
+    """Return what speaks against noise in what the names of a diagnosis leave; empty where nothing does."""
     against = dx._diagnosis.against_noise
-    if against and any(finding.modelled for finding in dx.findings_):
-        lines += [" ".join(["What these leave is no noise.", *(sign.words for sign in against)]), ""]
-    return lines
+    if not (against and any(finding.modelled for finding in dx.findings_)):
+        return ""
+    return " ".join(["What these leave is no noise.", *(sign.words for sign in against)])
 
 
 def _parameters(dx) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from narx_sklearn.analysis.residuals import residual_tests
+from narx_sklearn.discrepancy.report_text import what_is_left
 from narx_sklearn.discrepancy.results import VERDICTS, p_text
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
@@ -115,6 +116,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         facts=facts,
         where=_where(dx, material, outputs),
         what=_what(dx, material),
+        what_is_left=what_is_left(dx),
         parameters=None if dx.parameters_.empty else parameter_table(dx),
         proof=_proof(dx, material, outputs),
         residuals=_residuals(dx, material, outputs),
