@@ -199,14 +199,14 @@ def test_what_brakes_the_cart_of_a_crane_is_named_in_newtons():
     assert unit == "N s^2/m^2"
 
 
-@pytest.mark.parametrize(("substeps", "said"), [(1, True), (8, False)])
-def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps, said):
+@pytest.mark.parametrize(("substeps", "noise", "said"), [(1, 5e-5, True), (1, 5e-4, False), (8, 5e-5, False)])
+def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps, noise, said):
     simulator, u = make_crane(substeps=substeps), 600 * road(1500)
     (friction,) = beside("coulomb_friction", simulator, u)
     acting = simulator.with_effects([friction.at([10.0])])
     windows = cut([(slice(0, len(u)), 0)], 300, 12)
     x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
-    problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([5e-4, 5e-4])))
+    problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([noise, noise])))
     model = Model(simulator.nominal, acting.effects, x[windows.first])
     found = coarse_steps(problem, model)
     assert bool(found) is said
