@@ -134,7 +134,7 @@ def test_a_friction_that_is_zero_as_yet_is_found():
 
 
 @pytest.mark.parametrize("function", [written_as_sign, written_as_branches, written_steep])
-def test_runs_agree_with_anevent_driven_twin(function):
+def test_runs_agree_with_an_event_driven_twin(function):
     error = error_of(simulator(function).simulate(drive()[:, None])[:, 0], TRUTH)
     assert error < 3e-4  # chatter of plain steps of the sampling period makes 3e-3
 

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
@@ -107,8 +107,7 @@ def _leading(
     near = (np.abs(refitted.model.p) <= FAR * np.abs(p)) & (np.abs(p) <= FAR * np.abs(refitted.model.p))
     if np.all(near | (p == 0)):
         return found
-    model = refitted.model._replace(p=p)
-    nominal = fit(problem, model, free=np.zeros(model.q.size, dtype=bool))
+    nominal = fit_states(problem, refitted.model._replace(p=p))
     bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
     placed = with_pushes(bank, settings.n_leaders, CERTAIN)
     found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)

@@ -170,18 +170,18 @@ def _turns(signal, rate, push, h):
 
 
 @njit(nogil=True)
-def _settle(equation, x, u, p, switch, width, h, raw, rates, sides):
-    """Change rates so that a switch near the state does in a step what it does in the limit of short ones.
+def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
+    """Change rates so that a switch at a ``distance`` does in a step what it does in the limit of short ones.
 
     Where both sides lead to it, the state comes to rest on the switch in one step, as far as the jump can
     hold the load; else it passes, and the jump is spread evenly over the step. What is held of a load between
-    once and twice the jump's fades, so that the rates are continuous.
+    once and twice the jump's fades, so that the rates are continuous. (So sticks the catalogue's dry friction
+    too; a kernel that is kept on disk and called it would not notice a change there.)
     """
     n = x.size
     side, over, under = sides[0], sides[1], sides[2]
-    distance, length = 0.0, 0.0
+    length = 0.0
     for i in range(n):
-        distance += switch[i] * x[i]
         length += switch[i] * switch[i]
     for i in range(n):
         side[i] = x[i] + max(width - distance, 0.0) * switch[i] / length
@@ -352,10 +352,21 @@ def _simulate_windows(
                         for i in range(n_states):
                             settled[i] = nominal[i]
                         for e in range(n_switches):
-                            distance = abs(_dot(switches, e, stage))
-                            if distance <= h * (abs(_dot(switches, e, settled)) + NEAR * authority[e]):
-                                across = _row(switches, e)
-                                _settle(equation, stage, now, p, across, width[e], h, nominal, settled, sides)
+                            distance = _dot(switches, e, stage)
+                            if abs(distance) <= h * (abs(_dot(switches, e, settled)) + NEAR * authority[e]):
+                                _settle(
+                                    equation,
+                                    stage,
+                                    now,
+                                    p,
+                                    _row(switches, e),
+                                    distance,
+                                    width[e],
+                                    h,
+                                    nominal,
+                                    settled,
+                                    sides,
+                                )
                         for i in range(n_states):
                             slope[r, i] = settled[i]
                         time = since + reached + step

@@ -174,6 +174,11 @@ def fit(
     return Fit(model, cost, r, J[:, :, order], projector, steps[order], converged, done)
 
 
+def fit_states(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Fit:
+    """Fit the windows' initial states alone, the global parameters as they are."""
+    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=iterations)
+
+
 def fit_free_run(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Model:
     """Fit a model to the free run over whole stretches of the record, every sample's error counted alike.
 

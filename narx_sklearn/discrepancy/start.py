@@ -3,7 +3,7 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.refit import Fit, fit_states
 from narx_sklearn.discrepancy.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.windows import cut, shortest_window
@@ -86,9 +86,6 @@ def fit_initial_states(problem: Problem, x0: np.ndarray) -> Fit:
     model = Model(simulator.nominal, simulator.effects, x0)
     smooth = tuple(effect for effect in simulator.effects if effect.port.kind != "output")
     if smooth != simulator.effects:
-        model = model._replace(x0=_settled(problem, model._replace(effects=smooth)).model.x0)
-    return _settled(problem, model)
-
-
-def _settled(problem: Problem, model: Model) -> Fit:
-    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=ITERATIONS)
+        smoothed = fit_states(problem, model._replace(effects=smooth), iterations=ITERATIONS)
+        model = model._replace(x0=smoothed.model.x0)
+    return fit_states(problem, model, iterations=ITERATIONS)

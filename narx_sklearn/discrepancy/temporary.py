@@ -25,7 +25,7 @@ from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, within
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stretches import Stretches
 from narx_sklearn.discrepancy.structure import Structure
@@ -82,7 +82,7 @@ def search_in_spans(
     if not spans:
         return None
     settings.tell("search for what acts for a while")
-    base = _with_initial_states(problem, refitted.model._replace(p=p)).model
+    base = fit_states(problem, refitted.model._replace(p=p)).model
     always = pool_of(steps)
     named = bool(always) and steps[0].detection.p_value <= settings.alpha
     rival = likeliest(always, refitted.cost) if named else None
@@ -197,7 +197,7 @@ def _found_in(
         return None
     left = np.where(quiet, problem.left_over(base), 0.0)
     own = problem.with_noise(estimate_noise(left, quiet))
-    start = _with_initial_states(own, base)
+    start = fit_states(own, base)
     rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
     if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
         return None
@@ -227,10 +227,6 @@ def _left_outside(touched: np.ndarray, start: Fit) -> float:
         return 0.0
     residual = start.residual[outside][:, :, None]
     return float(np.sum(out_of(start.jacobian[outside], residual) ** 2))
-
-
-def _with_initial_states(problem: Problem, model: Model) -> Fit:
-    return fit(problem, model, free=np.zeros(model.q.size, dtype=bool))
 
 
 def _in_span(candidate: Candidate, span: Span) -> Model:

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.windows import cut
 
@@ -86,7 +86,7 @@ def _quieter_half(size: np.ndarray, lengths: np.ndarray) -> np.ndarray:
 
 def _begun_anew(problem: Problem, model: Model, lengths: np.ndarray) -> tuple[Model, np.ndarray]:
     """Return a model with the initial states of all windows fitted, and the windows' mean squares."""
-    found = fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=ITERATIONS)
+    found = fit_states(problem, model, iterations=ITERATIONS)
     return found.model, found.window_costs / lengths
 
 
