@@ -10,17 +10,19 @@ from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate, leaders, probe, ranked, refit_leaders
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate, probe, ranked, refit_leaders
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
-from narx_sklearn.discrepancy.lookalikes import exchanges, likeliest, look_alikes
+from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses, placements
+from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.ranking import leaders
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.swaps import exchanges
 from narx_sklearn.discrepancy.verify import Lead, free_run
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
@@ -121,6 +123,51 @@ class TestChanceOfNoise:
         assert chance_of_noise(30.0, 1, 400) == pytest.approx(400 * plain, rel=1e-9)
         assert chance_of_noise(0.0, 1, 1) == 1.0
         assert chance_of_noise(30.0, 1, 1, 2) == pytest.approx(np.exp(-15.0), rel=1e-9)
+
+    def asked(self, monkeypatch, deviances, alpha=0.01):
+        """Return the p-value and the codes that stay, of three effects in order of the criterion."""
+        problem, start = axis_problem([friction(0.3)], n=300)
+        base = Candidate(fit(problem, start), problem.n_seen)
+        found = []
+        for rank, (code, weights) in enumerate(
+            {"cogging": (1.0, 0.0), "quadratic_drag": (0.0, 1.0), "cubic_stiffness": (1.0, 0.0)}.items()
+        ):
+            theta = (0.1, 1.0, 0.0, 0.0) if code == "cogging" else (0.1,)
+            effects = (PlacedEffect(CATALOGUE[code], Port("state", 1), weights, theta=theta),)
+            cost = base.fit.cost * np.exp(0.5 * rank - 2.0)
+            model = base.fit.model._replace(effects=effects)
+            jacobian = np.zeros((*base.fit.residual.shape, model.q.size))
+            found.append(Candidate(base.fit._replace(cost=cost, model=model, jacobian=jacobian), 300))
+        none = np.zeros(1, dtype=bool)
+        members = [c.effects[0] for c in found]
+        hypotheses = [Hypothesis(e, np.array([e.theta]), none, none.astype(float)) for e in members]
+        bank = make_bank(problem, base.fit, hypotheses)
+
+        def given(problem, model, may_drift):
+            return deviances[model.effects[-1].effect.code] if model.effects else 0.0
+
+        monkeypatch.setattr(explain, "deviance", given)
+        certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+        found, stays = explain._confirmed(problem, base, found, certain, bank, alpha, None)
+        return found.p_value, [c.effects[0].effect.code for c in stays]
+
+    def test_where_the_best_may_be_noise_the_next_stands_for_what_is_before_it(self, monkeypatch):
+        """A noise coloured by two effects prefers what is neither; under its own, one of them stands."""
+        p, stays = self.asked(
+            monkeypatch, {"cogging": -5.0, "quadratic_drag": -180.0, "cubic_stiffness": -3.0}
+        )
+        assert p < 1e-30
+        assert stays == ["quadratic_drag"]
+
+    def test_nobody_else_is_asked_where_the_best_stands(self, monkeypatch):
+        p, stays = self.asked(monkeypatch, {"cogging": -80.0, "quadratic_drag": -180.0})
+        assert 1e-30 < p < 1e-6
+        assert stays == ["cogging", "quadratic_drag", "cubic_stiffness"]
+
+    def test_what_may_all_be_noise_keeps_its_order(self, monkeypatch):
+        p, stays = self.asked(monkeypatch, {"cogging": -5.0, "quadratic_drag": 0.0, "cubic_stiffness": -3.0})
+        assert p > 0.05
+        assert stays == ["cogging", "quadratic_drag", "cubic_stiffness"]
 
     def test_a_drift_that_is_no_better_than_an_offset_is_held_against_drifting_noise_too(self):
         drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), (), theta=(1.0, 0.0, 0.0, 0.0))

@@ -1,6 +1,7 @@
 """Columns of the bank: what each effect would change in the output, everything else projected out."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -46,7 +47,7 @@ class Bank:
         """Number of columns."""
         return self.owner.size
 
-    @property
+    @cached_property
     def n_directions(self) -> float:
         """Number of independent directions that the columns amount to.
 
@@ -125,17 +126,18 @@ def effect_column(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> np.
     return np.nan_to_num(problem.whiten(moved.y - base.y) / TANGENT, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def entered(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> Model:
-    """Return a fitted model with one more effect, all else moved as the tangents say where that leaves less.
+def entered(problem: Problem, fit: Fit, base, *placed: PlacedEffect) -> Model:
+    """Return a fitted model with more effects, all else moved as the tangents say where that leaves less.
 
     At full strength at once an effect may throw the run far from the recording, although the simulator's own
     parameters would take most of it.
     """
-    effects = (*fit.model.effects, placed)
+    effects = (*fit.model.effects, *placed)
     as_it_was = fit.model._replace(effects=effects)
     if not fit.model.q.size:
         return as_it_was
-    column = fit.projector(effect_column(problem, fit, base, placed)).ravel()
+    columns = [effect_column(problem, fit, base, effect) for effect in placed]
+    column = fit.projector(np.sum(columns, axis=0)).ravel()
     J = fit.jacobian.reshape(column.size, -1)
     size = np.linalg.norm(J, axis=0)
     size[size == 0] = 1.0
@@ -147,7 +149,7 @@ def entered(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> Model:
         residual = problem.residual(problem.run(model))
         return float(np.sum(fit.projector(residual) ** 2)) if np.isfinite(residual).all() else np.inf
 
-    return min(as_it_was, moved._replace(effects=(*moved.effects, placed)), key=left)
+    return min(as_it_was, moved._replace(effects=(*moved.effects, *placed)), key=left)
 
 
 def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[np.ndarray, int]:

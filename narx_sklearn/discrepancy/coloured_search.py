@@ -9,16 +9,16 @@ from narx_sklearn.discrepancy.explain import (
     FINE,
     Candidate,
     Step,
-    leaders,
     once_each,
     refit_leaders,
+    refit_pairs,
     search,
-    with_pushes,
 )
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.ranking import leaders, with_pushes
 from narx_sklearn.discrepancy.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.structure import Structure
@@ -43,6 +43,9 @@ def coloured_search(
     bank = bank.without_columns()
     faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
     known = [] if faint else _leading(problem, refitted, bank, structure, settings)
+    if known and settings.max_effects > 1:
+        known += refit_pairs(problem, refitted, bank, known, settings.n_leaders, settings.n_jobs)
+        known.sort(key=lambda c: c.criterion)
     dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
     if dominated:
         # mostly structure, far from what its tangents show: only beside a full fit is the rest near them
@@ -81,7 +84,7 @@ def _under_clearer_noise(
     if noise is None:
         return None
     settings.tell("search again, under the noise that the best explanation leaves")
-    known = [c for c in pool if len(c.effects) == 1]
+    known = [c for c in pool if len(c.effects) <= 2]
     problem = problem.with_noise(noise)
     refitted = fit(problem, refitted.model)
     steps = _searched(problem, refitted, structure, settings, True, known)

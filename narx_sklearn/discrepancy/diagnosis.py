@@ -16,7 +16,6 @@ from narx_sklearn.discrepancy.explain import (
     ODD,
     Candidate,
     Step,
-    gains,
     odd,
     probe,
     ranked,
@@ -28,7 +27,6 @@ from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
     REFINES,
     declared_rival,
-    exchanges,
     is_a_change,
     likeliest,
     look_alikes,
@@ -36,6 +34,7 @@ from narx_sklearn.discrepancy.lookalikes import (
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS
 from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.ranking import gains
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder, look_for_pulse
 from narx_sklearn.discrepancy.settings import Settings
@@ -43,6 +42,7 @@ from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states, guess_states, states_along
 from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure, find_structure
+from narx_sklearn.discrepancy.swaps import exchanges, swaps
 from narx_sklearn.discrepancy.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.twin import TwinSimulator
 from narx_sklearn.discrepancy.windows import (
@@ -275,7 +275,8 @@ def _named(
     if not pool or steps[0].detection.p_value > settings.alpha:
         return None
     settings.tell("rivals and unnamed curves")
-    best = _likeliest_set(problem, pool, refitted.cost)
+    hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
+    best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = ranked(problem, converged(problem, best), pool)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1]
@@ -287,15 +288,21 @@ def _named(
     return found
 
 
-def _likeliest_set(problem: Problem, pool: list[Candidate], unexplained: float) -> Candidate:
+def _likeliest_set(
+    problem: Problem, pool: list[Candidate], unexplained: float, hypotheses: list[Hypothesis], n_jobs
+) -> Candidate:
     """Return the likeliest set, once the members of the leading one were exchanged for what fits as well.
 
     The sets that come of it join the pool.
     """
     best = likeliest(pool, unexplained)
+    swapped: list[set] = []
     for _ in range(EXCHANGES):
         sets = [c for c in pool if len(c.effects) > 1 and c.criterion <= best.criterion + HARDLY]
         others = exchanges(problem, likeliest(sets, unexplained), pool) if sets else []
+        if best.places not in swapped:
+            swapped.append(best.places)
+            others += swaps(problem, best, [*pool, *others], hypotheses, n_jobs)
         if not others:
             break
         pool += others

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,6 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import (
-    LOAD,
     OFFSET,
     chance_of_noise,
     deviance,
@@ -19,31 +19,24 @@ from narx_sklearn.discrepancy.confirm import (
     noises_against,
 )
 from narx_sklearn.discrepancy.detect import Detection, detect
-from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.ranking import Pair, gains, leaders, pairs
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.valleys import other_valleys
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
-STARTS = 2  # of one leader that are tried
-MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps has many valleys
 TWINS = 7  # leaders that are also tried from the simulator's own parameter values
-NEARLY = 0.3  # share of the gain of its best start that another one must have
 BEAM = 2  # sets of effects carried to the next depth
-LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
+PAIRS = 8  # of effects that promise most together, fitted
+ENDED = 3  # of them that are brought to convergence
+MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
-
-
-class Gains(NamedTuple):
-    """What each column would take off the cost at its best strength."""
-
-    gain: np.ndarray  # (n_columns,) zero where the sign is not physical
-    strength: np.ndarray  # (n_columns,)
 
 
 @dataclass(frozen=True)
@@ -126,80 +119,6 @@ class Step(NamedTuple):
     candidates: list[Candidate]
 
 
-def gains(bank: Bank) -> Gains:
-    """Return each column's gain, physical signs respected."""
-    length = np.diag(bank.gram)
-    safe = np.where(bank.useful & (length > 0), length, 1.0)
-    strength = np.where(bank.useful, bank.plain / safe, 0.0)
-    gain = np.where(bank.useful, bank.plain**2 / safe, 0.0)
-    for j, (h, s) in enumerate(zip(bank.owner, bank.start, strict=True)):
-        placed = bank.hypotheses[h].placed
-        if not _physical(placed, bank.hypotheses[h].starts[s], strength[j]):
-            gain[j] = 0.0
-    return Gains(gain, strength)
-
-
-def _physical(placed: PlacedEffect, start: np.ndarray, strength: float) -> bool:
-    amplitude = placed.effect.amplitude
-    if amplitude is None:
-        return strength > 0
-    value = start[amplitude] * strength
-    lower, upper = placed.bounds[amplitude]
-    return lower <= value <= upper and value != 0
-
-
-def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
-    """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
-
-    Where no parameter scales an effect, the last of its starts is the one that is best as it stands.
-    """
-    gain, strength = gains(bank)
-    scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
-    best: dict[int, list[int]] = {}
-    for j in np.argsort(-gain, kind="stable"):
-        if gain[j] <= 0:
-            break
-        if not bank.hypotheses[bank.owner[j]].asked:
-            continue
-        if _speaking_for(bank.placed(j), detection, scanned) > alpha:
-            continue  # the test that speaks for this kind of effect was silent
-        best.setdefault(int(bank.owner[j]), []).append(int(j))
-    found = []
-    for h, columns in list(best.items())[:n]:
-        hypothesis = bank.hypotheses[h]
-        most = max(STARTS, len(hypothesis.starts) // MANY)
-        chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
-        if hypothesis.placed.effect.amplitude is None and len(chosen) == most:
-            chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
-        for j in dict.fromkeys(chosen):
-            theta = hypothesis.starts[bank.start[j]].copy()
-            if hypothesis.placed.effect.amplitude is not None:
-                theta[hypothesis.placed.effect.amplitude] *= strength[j]
-            bounds = hypothesis.placed.bounds
-            found.append(hypothesis.placed.at(np.clip(theta, bounds[:, 0], bounds[:, 1])))
-    return found
-
-
-def with_pushes(bank: Bank, n: int, detection: Detection) -> list[PlacedEffect]:
-    """Return the hypotheses with the largest gains, and every constant push and offset.
-
-    Where little moves, or far from where a machine is, all effects are pushes, and those with more values may
-    stand before them.
-    """
-    placed = leaders(bank, len(bank.hypotheses), detection, 1.0)
-    first = set(list(dict.fromkeys(effect.place for effect in placed))[:n])
-    return [e for e in placed if e.place in first or e.effect.code in (LOAD, OFFSET)]
-
-
-def _speaking_for(placed: PlacedEffect, detection: Detection, scanned: set[str]) -> float:
-    """Return the p-value of the test that can see such an effect, or what looks like it."""
-    if placed.effect.code in LINES:
-        return detection.p_line
-    if scanned & {placed.effect.code, *placed.effect.lookalikes}:
-        return min(detection.p_bank, detection.p_scan)
-    return detection.p_bank
-
-
 def refit_leaders(
     problem: Problem,
     base: Fit,
@@ -218,15 +137,6 @@ def refit_leaders(
     before under another noise, go on from there; of them the best are no less leaders.
     """
 
-    def refitted(model, iterations: int, rough: bool) -> Candidate:
-        return Candidate(fit(problem, model, iterations=iterations, rough=rough), problem.n_seen)
-
-    def round_of(models, iterations: int, rough: bool = True) -> list[Candidate]:
-        found = Parallel(n_jobs=n_jobs, prefer="threads")(
-            delayed(refitted)(m, iterations, rough) for m in models
-        )
-        return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
-
     before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
     within = min((c.criterion for c in known), default=0.0) + IN_REACH
     ahead = (c.effects[-1].place for c in known if c.criterion < within)
@@ -236,17 +146,76 @@ def refit_leaders(
     models += Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(entered)(problem, base, run, effect) for effect in placed if effect.place not in before
     )
+    twins = 0 if base.model.effects or before else twins
+    found, left_behind = _in_rounds(problem, models, n_jobs, twins=twins, finished=finished)
+    found = _from_other_valleys(problem, base, found, n_jobs)
+    return sorted(found + left_behind, key=lambda c: c.criterion)
+
+
+def _in_rounds(
+    problem: Problem, models: list[Model], n_jobs, *, twins: int = 0, finished: int | None = None
+) -> tuple[list[Candidate], list[Candidate]]:
+    """Return what became of the best models, converged, and what was left behind on the way."""
     left_behind: list[Candidate] = []
     for iterations, most in ROUNDS:
-        found = once_each(round_of(models, iterations))
+        found = once_each(_fitted(problem, models, iterations, n_jobs))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
-        if iterations == ROUNDS[0][0] and not (base.model.effects or before):
+        if iterations == ROUNDS[0][0]:
             models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
-    found = _from_other_valleys(problem, base, round_of(models, FINE, rough=False), n_jobs)
-    return sorted(found + left_behind, key=lambda c: c.criterion)
+    return _fitted(problem, models, FINE, n_jobs, rough=False), left_behind
+
+
+def _fitted(
+    problem: Problem, models: list[Model], iterations: int, n_jobs, *, rough: bool = True
+) -> list[Candidate]:
+    """Return what a few iterations make of models, best first."""
+
+    def fitted(model: Model) -> Candidate:
+        return Candidate(fit(problem, model, iterations=iterations, rough=rough), problem.n_seen)
+
+    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)
+    return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
+
+
+def refit_pairs(
+    problem: Problem,
+    base: Fit,
+    bank: Bank,
+    found: Sequence[Candidate],
+    n_leaders: int,
+    n_jobs=None,
+    *,
+    known: Sequence[Candidate] = (),
+) -> list[Candidate]:
+    """Fit pairs of effects where they promise to leave much less than any one ``found``; best first.
+
+    What goes with either of the best pair is tried too. Those ``known``, fitted before under another noise,
+    go on from there.
+    """
+    ranking = pairs(bank)
+    least = base.cost - MUCH_LESS * min((c.fit.cost for c in found), default=base.cost)
+    promising = [pair for pair in ranking if pair.gain >= least][:PAIRS]
+    if not (promising or known):
+        return []
+    run = problem.run(base.model)
+
+    def tried(some: list[Pair], models: list[Model]) -> list[Candidate]:
+        models = models + Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(entered)(problem, base, run, *pair.effects(bank)) for pair in some
+        )
+        ended, left_behind = _in_rounds(problem, models, n_jobs, finished=ENDED)
+        return ended + left_behind
+
+    fitted = sorted(tried(promising, [c.fit.model for c in known]), key=lambda c: c.criterion)
+    if not fitted:
+        return []
+    for place in [effect.place for effect in fitted[0].effects[len(base.model.effects) :]]:
+        beside = [pair for pair in ranking[len(promising) :] if place in pair.places(bank)]
+        fitted += tried(beside[:n_leaders], [])
+    return once_each(sorted(fitted, key=lambda c: c.criterion))
 
 
 def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_jobs) -> list[Candidate]:
@@ -264,10 +233,10 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
 
 
 def once_each(candidates: list[Candidate]) -> list[Candidate]:
-    """Return the first candidate with each last effect."""
-    first: dict[tuple, Candidate] = {}
+    """Return the first candidate with each set of effects."""
+    first: dict[frozenset, Candidate] = {}
     for candidate in candidates:
-        first.setdefault(candidate.effects[-1].place, candidate)
+        first.setdefault(frozenset(candidate.places), candidate)
     return list(first.values())
 
 
@@ -289,8 +258,9 @@ def search(
     The best few sets of each depth are carried on, since one effect can mask another, and every set found is
     tried without each of its older members. Where something is left, but nothing that is added to the best
     set takes it, the next best is built on, and the best without each of its older members (a floating
-    search: Pudil, Novovicova and Kittler 1994). Beside another effect, before or after it, none is named at
-    a place where one does not meet it. ``known`` are single effects that were fitted before.
+    search: Pudil, Novovicova and Kittler 1994). Two effects enter at once where they promise what neither
+    does. Beside another effect, before or after it, none is named at a place where one does not meet it.
+    ``known`` are single effects and pairs that were fitted before.
     """
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
@@ -311,8 +281,12 @@ def search(
             silent = rank == 0 and detection.p_value > alpha
             placed = [] if full or silent else leaders(bank, n_leaders, detection, alpha)
             before = () if candidate.effects else known
-            found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=before)
-            found = [c for c in found if c.criterion < candidate.criterion]
+            alone = [c for c in before if len(c.effects) == 1]
+            found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=alone)
+            if placed and len(candidate.effects) + 2 <= max_effects:
+                both = [c for c in before if len(c.effects) == 2]
+                found += refit_pairs(problem, candidate.fit, bank, found, n_leaders, n_jobs, known=both)
+            found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
             first = not pool  # and must be more than noise
             if first:
                 detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
@@ -352,51 +326,83 @@ def _confirmed(
 ) -> tuple[Detection, list[Candidate]]:
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
-    Of what the criterion cannot tell from the best, the least chance counts. An odd place has its price.
-    Where only a drift or an offset of an output stands, with drifting noise not against it, nothing else is
-    found; a drift that fits no better than an offset is held against what an offset is.
+    Of what the criterion cannot tell from the best, the least chance counts. Where all of it may be noise,
+    the next best are asked: the noise so far may owe its colour to what two effects left, and one that
+    stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
+    or an offset of an output stands, with drifting noise not against it, nothing else is found; a drift that
+    fits no better than an offset is held against what an offset is.
     """
     if not found:
         return detection, found
-    near = [c for c in found[:CONFIRMED] if c.criterion <= found[0].criterion + HARDLY]
-    offsets = {c.effects[-1].port for c in near if c.effects[-1].effect.code == OFFSET}
-    noises = [noises_against(c.effects[-1], c.effects[-1].port in offsets) for c in near]
-    asked = list(dict.fromkeys(kind for kinds in noises for kind in kinds))
-    pairs = [(base, kind) for kind in asked]
-    pairs += [(c, kind) for c, kinds in zip(near, noises, strict=True) for kind in kinds]
+    n_near = sum(c.criterion <= found[0].criterion + HARDLY for c in found[:CONFIRMED])
+    offsets = {e.port for c in found[:n_near] for e in _added(c, base) if e.effect.code == OFFSET}
+    asked = found[:n_near]
+    chances = _chances(problem, base, asked, offsets, bank, n_jobs)
+    if min(chances) > alpha:
+        asked = found[: n_near + CONFIRMED]
+        chances += _chances(problem, base, asked[n_near:], offsets, bank, n_jobs)
+        if min(chances) <= alpha:
+            found = [c for k, c in enumerate(found) if k >= len(asked) or chances[k] <= alpha]
+    standing = [c for c, chance in zip(asked, chances, strict=True) if chance <= alpha]
+    if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
+        found = standing
+    return detection._replace(p_value=max(detection.p_value, min(chances))), found
+
+
+def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
+    """Return what a candidate has beyond the set that it was built on."""
+    return candidate.effects[len(base.effects) :]
+
+
+def _chances(
+    problem: Problem, base: Candidate, some: list[Candidate], offsets: set[Port], bank: Bank, n_jobs
+) -> list[float]:
+    """Return the chance that what each candidate adds is noise of some colour."""
+    noises = [
+        sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
+    ]
+    against = sorted({kind for kinds in noises for kind in kinds})
+    asked = [(base, kind) for kind in against]
+    asked += [(c, kind) for c, kinds in zip(some, noises, strict=True) for kind in kinds]
     deviances = iter(
         Parallel(n_jobs=n_jobs, prefer="threads")(
-            delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in pairs
+            delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in asked
         )
     )
-    without = {kind: next(deviances) for kind in asked}
+    without = {kind: next(deviances) for kind in against}
     n_directions = bank.n_directions
-    chances: list[tuple[Candidate, float]] = []
-    for candidate, kinds in zip(near, noises, strict=True):
-        gained = min(without[kind] - next(deviances) for kind in kinds) - ODD * candidate.effects[-1].odd
+    chances = []
+    for candidate, kinds in zip(some, noises, strict=True):
+        added = _added(candidate, base)
+        gained = min(without[kind] - next(deviances) for kind in kinds)
+        gained -= ODD * sum(effect.odd for effect in added)
         n_felt = max(candidate.n_parameters - base.n_parameters, 1)
-        chances.append((candidate, _chance(gained, candidate, n_felt, problem, bank, n_directions)))
-    least = min(chance for _, chance in chances)
-    standing = [candidate for candidate, chance in chances if chance <= alpha]
-    if standing and all(is_slow(candidate.effects[-1]) for candidate in standing):
-        found = standing
-    return detection._replace(p_value=max(detection.p_value, least)), found
+        chances.append(_chance(gained, added, n_felt, problem, bank, n_directions))
+    return chances
 
 
 def _chance(
-    gained: float, candidate: Candidate, n_felt: int, problem: Problem, bank: Bank, n_directions: float
+    gained: float,
+    effects: tuple[PlacedEffect, ...],
+    n_felt: int,
+    problem: Problem,
+    bank: Bank,
+    n_directions: float,
 ) -> float:
     """Return the chance that noise gains as much, the less of two bounds.
 
-    One counts hypotheses, and the shapes of an effect that the samples can tell apart. The other counts the
-    independent directions of the bank's columns, with as many degrees of freedom as parameters are felt; it
-    holds where the columns did not look at the residual.
+    One counts hypotheses, or sets of so many, and the shapes of an effect that the samples can tell apart.
+    The other counts the independent directions of the bank's columns, with as many degrees of freedom as
+    parameters are felt; it holds for one effect, and where the columns did not look at the residual.
     """
-    effect = candidate.effects[-1]
-    own = [h for h in bank.hypotheses if h.placed.place == effect.place]
-    n_values = max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
-    by_values = chance_of_noise(gained, len(bank.hypotheses), n_values)
-    if not own or any(h.tuned.any() for h in own):
+    n_values, blind = 1.0, True
+    for effect in effects:
+        own = [h for h in bank.hypotheses if h.placed.place == effect.place]
+        n_values *= max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
+        blind &= bool(own) and not any(h.tuned.any() for h in own)
+    n_sets = comb(max(len(bank.hypotheses), len(effects)), len(effects))
+    by_values = chance_of_noise(gained, n_sets, n_values, len(effects))
+    if len(effects) > 1 or not blind:
         return by_values
     return min(by_values, chance_of_noise(gained, n_directions, 1, n_felt))
 

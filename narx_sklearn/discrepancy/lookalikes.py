@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.explain import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.generic import LINE
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -89,31 +89,6 @@ def _told_apart(candidate: Candidate, own: slice) -> bool:
     if not np.all(length > 0):
         return False
     return bool(np.linalg.eigvalsh(columns.T @ columns / np.outer(length, length))[0] > ONE_WAY)
-
-
-def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
-    """Return a set refitted with other effects of a pool in the places of its members.
-
-    The set was built on whichever stood first alone: the more general of two, one of several that fitted
-    equally well, or what went best with something that is no member any more. Special cases of a member are
-    tried, what the catalogue calls its look-alikes, and what alone was hardly worse.
-    """
-    alone = {c.effects[0].place: c.criterion for c in reversed(pool) if len(c.effects) == 1}
-    others = {effect.place: effect for c in reversed(pool) for effect in c.effects}
-    known = {frozenset(c.places) for c in (best, *pool)}
-    found = []
-    for i, member in enumerate(best.effects):
-        kept = (*best.effects[:i], *best.effects[i + 1 :])
-        for place, other in others.items():
-            related = other.effect.code in (*member.effect.holds, *member.effect.lookalikes)
-            as_good = abs(alone.get(place, np.inf) - alone.get(member.place, -np.inf)) <= HARDLY
-            places = frozenset({place, *(effect.place for effect in kept)})
-            is_new = len(places) > len(kept) and places not in known
-            if other.port == member.port and (related or as_good) and is_new:
-                known.add(places)
-                model = best.fit.model._replace(effects=(*kept, other))
-                found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
-    return found
 
 
 def declared_rival(best: Candidate, other: Candidate) -> PlacedEffect | None:

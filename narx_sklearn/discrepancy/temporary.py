@@ -16,15 +16,14 @@ from narx_sklearn.discrepancy.explain import (
     IN_REACH,
     Candidate,
     Step,
-    gains,
     refit_leaders,
-    with_pushes,
 )
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, within
 from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.ranking import gains, with_pushes
 from narx_sklearn.discrepancy.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stretches import Stretches

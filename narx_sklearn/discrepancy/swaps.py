@@ -1,0 +1,104 @@
+"""Other effects in the places of a set's members: what stood there first need not be what fits best."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.bank import directions, effect_column, make_bank, off
+from narx_sklearn.discrepancy.explain import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.ranking import gains, scaled
+from narx_sklearn.discrepancy.refit import fit
+
+SWAPS = 3  # effects that are tried in the place of a member because they would change the run alike
+LEFT = 0.1  # share of what a member changes that another may leave, for it to be tried
+
+
+def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
+    """Return a set refitted with other effects of a pool in the places of its members.
+
+    The set was built on whichever stood first alone: the more general of two, one of several that fitted
+    equally well, or what went best with something that is no member any more. Special cases of a member are
+    tried, what the catalogue calls its look-alikes, and what alone was hardly worse.
+    """
+    alone = {c.effects[0].place: c.criterion for c in reversed(pool) if len(c.effects) == 1}
+    others = {effect.place: effect for c in reversed(pool) for effect in c.effects}
+    known = {frozenset(c.places) for c in (best, *pool)}
+    found = []
+    for i, member in enumerate(best.effects):
+        kept = (*best.effects[:i], *best.effects[i + 1 :])
+        for place, other in others.items():
+            related = other.effect.code in (*member.effect.holds, *member.effect.lookalikes)
+            as_good = abs(alone.get(place, np.inf) - alone.get(member.place, -np.inf)) <= HARDLY
+            places = frozenset({place, *(effect.place for effect in kept)})
+            is_new = len(places) > len(kept) and places not in known
+            if other.port == member.port and (related or as_good) and is_new:
+                known.add(places)
+                model = best.fit.model._replace(effects=(*kept, other))
+                found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+    return found
+
+
+def swaps(
+    problem: Problem,
+    best: Candidate,
+    pool: Sequence[Candidate],
+    hypotheses: Sequence[Hypothesis],
+    n_jobs: int | None = None,
+) -> list[Candidate]:
+    """Return a set refitted with what would change its run as a member does, in that member's place.
+
+    Where an effect moves the run far, what is seen from the run without it tells little of its shape, and a
+    fit from there may end in another valley. About the fitted set the run is right: an effect that is as
+    good a name must change it there as the member does, at some strength and from one of its starts. Those
+    that the pool already knows to fit as well as that promises are left out.
+    """
+    known: dict[frozenset, float] = {}
+    for candidate in sorted(pool, key=lambda c: -c.fit.cost):
+        known[frozenset(candidate.places)] = candidate.fit.cost
+    models = []
+    for i, own in enumerate(best.fit.model.theirs):
+        member, kept = best.effects[i], (*best.effects[:i], *best.effects[i + 1 :])
+        rivals = [h for h in hypotheses if _may_replace(h, member, best, kept)]
+        for left, rival in _alike(problem, best, member, own, rivals, n_jobs)[:SWAPS]:
+            before = known.get(frozenset({rival.place, *(effect.place for effect in kept)}), np.inf)
+            if before > best.fit.cost + left:
+                models.append(best.fit.model._replace(effects=(*kept, rival)))
+
+    def fitted(model):
+        return Candidate(fit(problem, model, iterations=FINE), best.n_samples)
+
+    return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)
+
+
+def _may_replace(
+    hypothesis: Hypothesis, member: PlacedEffect, best: Candidate, kept: tuple[PlacedEffect, ...]
+) -> bool:
+    placed = hypothesis.placed
+    is_new = placed.port == member.port and placed.place not in best.places
+    return is_new and hypothesis.asked and not (placed.odd and kept)
+
+
+def _alike(
+    problem: Problem,
+    best: Candidate,
+    member: PlacedEffect,
+    own: slice,
+    rivals: list[Hypothesis],
+    n_jobs: int | None,
+) -> list[tuple[float, PlacedEffect]]:
+    """Return the rivals that change the run nearly as a member does, with what they leave of its change."""
+    column = effect_column(problem, best.fit, problem.run(best.fit.model), member)
+    others = np.delete(best.fit.jacobian, np.r_[own], axis=2)
+    change = off(directions(others), best.fit.projector(column))
+    bank = make_bank(problem, best.fit._replace(jacobian=others, residual=change), rivals, n_jobs)
+    gain, strength = gains(bank)
+    size = float(np.sum(change**2))
+    found = {}
+    for j in np.argsort(gain, kind="stable"):
+        if size - gain[j] <= LEFT * size:
+            found[bank.owner[j]] = size - gain[j], scaled(bank, j, strength[j])
+    return sorted(found.values(), key=lambda pair: pair[0])

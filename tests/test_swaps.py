@@ -1,0 +1,122 @@
+"""What would change a fitted run as a member of its set does, tried in that member's place."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.swaps import swaps
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+
+def axis(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+def make_axis(gain=1.0, damping=0.5):
+    return ODESimulator(
+        axis,
+        dt=0.02,
+        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+def at_velocity(code, *theta, index=1, odd=False):
+    return PlacedEffect(CATALOGUE[code], Port("state", index), (0.0, 1.0), theta=theta, odd=odd)
+
+
+def hypothesis(placed, *, asked=True):
+    none = np.zeros(1, dtype=bool)
+    return Hypothesis(placed, np.array([placed.theta]), none, none.astype(float), asked)
+
+
+LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.05,))
+COULOMB = at_velocity("coulomb_friction", 0.05)
+RIVALS = [
+    hypothesis(COULOMB),
+    hypothesis(at_velocity("quadratic_drag", 0.1)),
+    hypothesis(PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(0.1,))),
+    hypothesis(PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))),
+]
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Return the recording of an axis that rubs, and a first model of it."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0.0, 3.0, 101), 15)[:1500, None]
+    rubs = [at_velocity("coulomb_friction", 0.3)]
+    y = make_axis(1.1, 0.4).with_effects(rubs).simulate(u) + 0.002 * rng.normal(size=(1500, 1))
+    windows = cut([(slice(0, 1500), 0)], 375, 12)
+    return Problem(make_axis(), u, y, windows, Noise.white(np.array([0.002])))
+
+
+def fitted(problem, *effects):
+    n = problem.windows.count
+    model = Model(problem.simulator.nominal, effects, np.zeros((n, 2)))
+    return Candidate(fit(problem, model, iterations=30), problem.n_seen)
+
+
+def codes(candidates):
+    return [[effect.effect.code for effect in candidate.effects] for candidate in candidates]
+
+
+def test_what_moves_the_run_as_the_member_does_is_fitted_in_its_place(problem):
+    best = fitted(problem, at_velocity("asymmetric_friction", 0.1, 0.0))
+    (found,) = swaps(problem, best, [best], RIVALS)
+    assert codes([found]) == [["coulomb_friction"]]
+    assert found.fit.cost == pytest.approx(best.fit.cost, rel=0.01)
+    assert found.effects[0].theta[0] == pytest.approx(0.3, rel=0.03)
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_rival_is_tried_again_only_where_it_was_caught_in_another_valley(problem, settled):
+    best = fitted(problem, at_velocity("asymmetric_friction", 0.1, 0.0))
+    rival = fitted(problem, COULOMB)
+    if not settled:
+        rival = Candidate(rival.fit._replace(cost=2 * rival.fit.cost), rival.n_samples)
+    found = swaps(problem, best, [best, rival], RIVALS)
+    assert codes(found) == [["coulomb_friction"]] * (not settled)
+
+
+def test_the_others_of_a_set_stay(problem):
+    best = fitted(problem, LOAD, at_velocity("asymmetric_friction", 0.1, 0.0))
+    found = swaps(problem, best, [best], RIVALS)
+    assert ["constant_load", "coulomb_friction"] in codes(found)
+    assert all(len(candidate.effects) == 2 for candidate in found)
+
+
+@pytest.mark.parametrize("change", ["unasked", "odd", "elsewhere", "member"])
+def test_nothing_else_takes_a_place(problem, change):
+    asymmetric = at_velocity("asymmetric_friction", 0.1, 0.0)
+    best = fitted(problem, LOAD, asymmetric)
+    rival = {
+        "unasked": hypothesis(COULOMB, asked=False),
+        "odd": hypothesis(at_velocity("coulomb_friction", 0.05, odd=True)),
+        "elsewhere": hypothesis(at_velocity("coulomb_friction", 0.05, index=0)),
+        "member": hypothesis(asymmetric),
+    }[change]
+    assert swaps(problem, best, [best], [rival]) == []
+
+
+def test_few_are_tried(problem, monkeypatch):
+    best = fitted(problem, at_velocity("asymmetric_friction", 0.1, 0.0))
+    alike = [
+        hypothesis(at_velocity(code, *theta))
+        for code, theta in {
+            "coulomb_friction": (0.1,),
+            "stribeck_friction": (0.1, 1.2, 0.1, 2.0),
+            "presliding_friction": (0.1, 0.001, 1.0, 1.0, 0.0),
+        }.items()
+    ]
+    everything = swaps(problem, best, [best], alike)
+    monkeypatch.setattr("narx_sklearn.discrepancy.swaps.SWAPS", 1)
+    assert len(swaps(problem, best, [best], alike)) == 1 < len(everything)
