@@ -30,7 +30,7 @@ FINE = 20  # iterations that bring a leader to convergence
 TWINS = 7  # leaders that are also tried from the simulator's own parameter values
 BEAM = 2  # sets of effects carried to the next depth
 PAIRS = 8  # of effects that promise most together, fitted
-ENDED = 3  # of them that are brought to convergence
+PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
 MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
@@ -153,15 +153,21 @@ def refit_leaders(
 
 
 def _in_rounds(
-    problem: Problem, models: list[Model], n_jobs, *, twins: int = 0, finished: int | None = None
+    problem: Problem,
+    models: list[Model],
+    n_jobs,
+    *,
+    rounds: tuple[tuple[int, int], ...] = ROUNDS,
+    twins: int = 0,
+    finished: int | None = None,
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Return what became of the best models, converged, and what was left behind on the way."""
     left_behind: list[Candidate] = []
-    for iterations, most in ROUNDS:
+    for iterations, most in rounds:
         found = once_each(_fitted(problem, models, iterations, n_jobs))
         models = [c.fit.model for c in found[:most]]
         left_behind += found[most:]
-        if iterations == ROUNDS[0][0]:
+        if iterations == rounds[0][0]:
             models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
@@ -192,12 +198,12 @@ def refit_pairs(
 ) -> list[Candidate]:
     """Fit pairs of effects where they promise to leave much less than any one ``found``; best first.
 
-    What goes with either of the best pair is tried too. Those ``known``, fitted before under another noise,
-    go on from there.
+    Where the best keeps its promise, what goes with either of it is tried too. Those ``known``, fitted before
+    under another noise, go on from there.
     """
     ranking = pairs(bank)
-    least = base.cost - MUCH_LESS * min((c.fit.cost for c in found), default=base.cost)
-    promising = [pair for pair in ranking if pair.gain >= least][:PAIRS]
+    much_less = MUCH_LESS * min((c.fit.cost for c in found), default=base.cost)
+    promising = [pair for pair in ranking if base.cost - pair.gain <= much_less][:PAIRS]
     if not (promising or known):
         return []
     run = problem.run(base.model)
@@ -206,15 +212,14 @@ def refit_pairs(
         models = models + Parallel(n_jobs=n_jobs, prefer="threads")(
             delayed(entered)(problem, base, run, *pair.effects(bank)) for pair in some
         )
-        ended, left_behind = _in_rounds(problem, models, n_jobs, finished=ENDED)
+        ended, left_behind = _in_rounds(problem, models, n_jobs, rounds=PAIR_ROUNDS)
         return ended + left_behind
 
     fitted = sorted(tried(promising, [c.fit.model for c in known]), key=lambda c: c.criterion)
-    if not fitted:
-        return []
-    for place in [effect.place for effect in fitted[0].effects[len(base.model.effects) :]]:
-        beside = [pair for pair in ranking[len(promising) :] if place in pair.places(bank)]
-        fitted += tried(beside[:n_leaders], [])
+    if fitted and fitted[0].fit.cost <= much_less:
+        for effect in fitted[0].effects[len(base.model.effects) :]:
+            beside = [pair for pair in ranking[len(promising) :] if effect.place in pair.places(bank)]
+            fitted += tried(beside[:n_leaders], [])
     return once_each(sorted(fitted, key=lambda c: c.criterion))
 
 
