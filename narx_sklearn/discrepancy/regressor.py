@@ -19,7 +19,7 @@ from narx_sklearn._validation import (
 )
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
-from narx_sklearn.discrepancy.diagnosis import Diagnosis, begin, diagnose
+from narx_sklearn.discrepancy.diagnosis import UNEXPLAINED, Diagnosis, begin, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
@@ -28,20 +28,22 @@ from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.record import read_inputs, read_record
 from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.report_text import report_text
-from narx_sklearn.discrepancy.results import NOTHING_MISSING
+from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.substeps import coarse_steps
-from narx_sklearn.discrepancy.temporary import only_where_fitted
+from narx_sklearn.discrepancy.temporary import DRIFTS, only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
+    HeldOut,
     Lead,
     compared,
     free_run,
-    gained,
     initial_state,
+    left_together,
+    on_held_out,
     score_table,
     squared_errors,
     within_reach,
@@ -549,7 +551,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
-        if self.findings_ and self._harms(held_out):
+        held = self._on_held_out(held_out)
+        self._left_there = self._left_over_there(held)
+        if self.findings_ and self._harms(held):
             ended = only_where_fitted(diagnosis.problem, diagnosis.best)
             if ended is not None:  # what began may have ended since
                 self._store(replace(diagnosis, best=ended), u, y, held_out)
@@ -559,6 +563,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.simulator_ = self.refitted_simulator_
             if self.findings_[0].effect != DRIFT and not diagnosis.best.given:
                 self.verdict_ = "unknown"
+        elif self.findings_ and self._left_there > STANDS_IN:
+            self.verdict_ = "unknown"
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
@@ -581,19 +587,36 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
 
-    def _harms(self, held_out) -> bool:
+    def _on_held_out(self, held_out) -> HeldOut:
+        found = self._diagnosis
+        guesses = (found.refitted.model.x0[self._nearest], self._guess)
+        simulators = (self.refitted_simulator_, self.simulator_)
+        return on_held_out(found.problem, *simulators, held_out, guesses, self._lead)
+
+    def _harms(self, held: HeldOut) -> bool:
         """Tell whether the corrected simulation is surely worse on held-out samples, or leaves all range."""
         if not self.scores_.empty:
             errors = self.scores_["nrmse"]
             if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
                 return True
-        found = self._diagnosis
-        guesses = (found.refitted.model.x0[self._nearest], self._guess)
-        less = gained(found.problem, self.refitted_simulator_, self.simulator_, held_out, guesses, self._lead)
+        best = self._diagnosis.best
         # what the uncertainty of its parameters costs on other samples is no harm
-        by_chance = chi2.isf(0.01, found.best.fit.model.q.size) * found.best.fit.cost / found.best.n_samples
-        surely = max(SURELY * np.sqrt(np.sum(less**2)), by_chance)
-        return bool(np.all(np.isfinite(less)) and less.sum() < -surely)
+        by_chance = chi2.isf(0.01, best.fit.model.q.size) * best.fit.cost / best.n_samples
+        surely = max(SURELY * np.sqrt(np.sum(held.less**2)), by_chance)
+        return bool(np.all(np.isfinite(held.less)) and held.less.sum() < -surely)
+
+    def _left_over_there(self, held: HeldOut) -> float:
+        """Return what names leave of held-out samples over what they leave elsewhere; 1 if none can tell.
+
+        What is little beside all that they explain is no more than a form, or a machine that has warmed up.
+        """
+        diagnosis, best = self._diagnosis, self._diagnosis.best
+        foreseen = not any(e.passes or e.effect.code in DRIFTS for e in best.effects)
+        usual = best.fit.cost / best.n_samples
+        if not (best.effects and foreseen and STANDS_IN * usual < held.left < np.inf):
+            return 1.0
+        there, elsewhere = left_together(diagnosis.problem, best.fit, held)
+        return there / elsewhere if there > UNEXPLAINED * held.without else 1.0
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         simulator = diagnosis.problem.simulator

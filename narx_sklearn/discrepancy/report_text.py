@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.results import LEAST, VERDICTS, p_text
+from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
 
 
 def report_text(dx) -> str:
@@ -65,11 +65,18 @@ def _what(dx) -> list[str]:
 
 
 def what_is_left(dx) -> str:
-    """Return what speaks against noise in what the names of a diagnosis leave; empty where nothing does."""
-    against = dx._diagnosis.against_noise
-    if not (against and any(finding.modelled for finding in dx.findings_)):
+    """Return what speaks against the names of a diagnosis in what they leave; empty where nothing does."""
+    if not any(finding.modelled for finding in dx.findings_):
         return ""
-    return " ".join(["What these leave is no noise.", *(sign.words for sign in against)])
+    words = []
+    if against := dx._diagnosis.against_noise:
+        words += ["What these leave is no noise.", *(sign.words for sign in against)]
+    if dx._left_there > STANDS_IN:
+        words.append(
+            f"Even fitted to the held-out samples too, these leave {dx._left_there:.2g} times as much there "
+            "as elsewhere (mean square): they stand in for something else, or the machine has changed."
+        )
+    return " ".join(words)
 
 
 def _parameters(dx) -> list[str]:

@@ -16,6 +16,7 @@ VERDICTS = {
 NOTHING_MISSING = ("consistent", "refit")
 
 LEAST = 1e-12  # p-values below say no more than that
+STANDS_IN = 1.5  # times what names leave where they were fitted, that they leave elsewhere if they stand in
 
 
 def p_text(p: float, relation: str = "= ") -> str:

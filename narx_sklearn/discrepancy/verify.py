@@ -7,7 +7,7 @@ import pandas as pd
 
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.windows import cut, shortest_window
@@ -162,15 +162,25 @@ def squared_errors(
     return found
 
 
-def gained(
+class HeldOut(NamedTuple):
+    """What a simulator and a corrected one leave of held-out stretches, in noise variances."""
+
+    less: np.ndarray  # (n_blocks,) that the corrected one takes off the cost; not finite where a run diverges
+    without: float  # a sample, by the one as it was
+    left: float  # a sample, by the corrected one
+    windows: Windows
+    x0: np.ndarray  # (n_windows, n_states) with which the corrected one begins
+
+
+def on_held_out(
     problem: Problem,
     before: Simulator,
     after: Simulator,
     pieces,
     guesses: tuple[np.ndarray, np.ndarray],
     lead: Lead,
-) -> np.ndarray:
-    """Return what a corrected simulator takes off the cost of held-out stretches, block by block.
+) -> HeldOut:
+    """Return what a simulator and a corrected one leave of held-out stretches.
 
     The stretches are cut and weighted as those of the fit were, their initial states fitted: what an
     integrator makes of a small error in its initial state or parameters counts only as long as it did there.
@@ -186,14 +196,13 @@ def gained(
 
     Returns
     -------
-    ndarray of shape (n_blocks,)
-        In noise variances; not finite where a run leaves the finite range. Empty where no stretch is long
-        enough.
+    HeldOut
+        Without blocks where no stretch is long enough.
     """
     length = int(np.median(problem.windows.last - problem.windows.first))
     windows = cut(pieces, length, shortest_window(problem.simulator))
     if not windows.count:
-        return np.empty(0)
+        return HeldOut(np.empty(0), np.nan, np.nan, windows, np.empty((0, problem.windows.count)))
     starts: list[np.ndarray] = []
     costs = []
     for simulator, guess in zip((before, after), guesses, strict=True):
@@ -206,7 +215,25 @@ def gained(
         starts = [x0 for x0, _ in found]
     with np.errstate(invalid="ignore"):
         less = (costs[0] - costs[1]).ravel()
-    return np.array([block.sum() for block in np.array_split(less, BLOCKS)])
+    blocks = np.array([block.sum() for block in np.array_split(less, BLOCKS)])
+    x0 = np.choose(best[:, None], starts)
+    n_seen = problem.over(windows).n_seen
+    without, left = (float(cost.sum() / n_seen) for cost in costs)
+    return HeldOut(blocks, without, left, windows, x0)
+
+
+def left_together(problem: Problem, found: Fit, held: HeldOut) -> tuple[float, float]:
+    """Return what a model leaves a sample of held-out stretches and of all else, all fitted together.
+
+    Parameters that a fit could not know well are then not held against it.
+    """
+    lead = Lead(problem.windows, found.model.x0)
+    windows, x0, elsewhere = lead.before(held.windows, held.x0)
+    together = problem.over(windows)
+    costs = fit(together, found.model._replace(x0=x0)).window_costs
+    counts = together.weighted.sum(axis=(1, 2))
+    there, here = (float(costs[w].sum() / counts[w].sum()) for w in (~elsewhere, elsewhere))
+    return there, here
 
 
 def _initial_states_fitted(
