@@ -1,4 +1,4 @@
-"""Which physics is missing: order the bank, refit the leaders, add one effect after another."""
+"""Which physics is missing: refit what leads, alone and in pairs, and add one effect after another."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
