@@ -1,12 +1,16 @@
 """What would change a fitted run as a member of its set does, tried in that member's place."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy import ODESimulator, coloured_search
+from narx_sklearn.discrepancy.bank import make_bank
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.explain import Candidate, Step
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
-from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
@@ -120,3 +124,20 @@ def test_few_are_tried(problem, monkeypatch):
     everything = swaps(problem, best, [best], alike)
     monkeypatch.setattr("narx_sklearn.discrepancy.swaps.SWAPS", 1)
     assert len(swaps(problem, best, [best], alike)) == 1 < len(everything)
+
+
+def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(problem, monkeypatch):
+    """Noise estimated beside one explanation favours it: whatever it leaves counts as noise."""
+    drag, rubs = fitted(problem, RIVALS[1].placed), fitted(problem, COULOMB)
+    working = problem.with_noise(estimate_noise(problem.left_over(drag.fit.model), problem.seen))
+    pool = [Candidate(fit(working, c.fit.model), working.n_seen) for c in (drag, rubs)]
+    favoured = pool[0].fit._replace(cost=0.9 * min(c.fit.cost for c in pool))
+    pool[0] = Candidate(favoured, working.n_seen)
+    refitted = fit(working, drag.fit.model._replace(effects=()))
+    certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+    step = Step(certain, make_bank(working, refitted, []), pool)
+    monkeypatch.setattr(coloured_search, "_searched", lambda *_: [step])
+    settings = SimpleNamespace(alpha=0.01, n_jobs=None, tell=lambda stage: None)
+    again, *_ = coloured_search._under_clearer_noise(working, refitted, [step], None, settings)
+    assert working.noise.sigma[0] > 1.5 * 0.002
+    assert again.noise.sigma[0] == pytest.approx(0.002, rel=0.1)

@@ -1,9 +1,10 @@
 """The search for what is missing, under noise whose colour is estimated from what the search leaves."""
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.confirm import clearer_noise
+from narx_sklearn.discrepancy.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import (
     FINE,
@@ -28,6 +29,7 @@ MOSTLY = 0.5  # share of the cost left by one effect, from which the residual wa
 FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
+RIVALS = 3  # next best explanations that may be likelier, each under noise of its own
 # with which no kind of effect is silent
 CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 
@@ -74,12 +76,20 @@ def _under_clearer_noise(
 ) -> tuple[Problem, Fit, list[Step]] | None:
     """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
 
-    What was found before takes part again.
+    What was found before takes part again. Noise that was estimated beside one explanation favours it, so
+    the next best may be clearly likelier, each under the noise that it leaves itself.
     """
     pool = pool_of(steps)
     if not pool or steps[0].detection.p_value > settings.alpha:
         return None
     best = likeliest(pool, refitted.cost)
+    rivals = [c for c in pool if len(c.effects) == len(best.effects) and c is not best][:RIVALS]
+    found = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(deviance)(problem, c.fit.model) for c in (best, *rivals)
+    )
+    priced = [value + c.price for value, c in zip(found, (best, *rivals), strict=True)]
+    if min(priced) < priced[0] - CLEARER:
+        best = rivals[int(np.argmin(priced)) - 1]
     noise = clearer_noise(problem, best.fit)
     if noise is None:
         return None
