@@ -2,27 +2,14 @@
 
 import numpy as np
 import pytest
+from driven_axis import make_axis
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.report_text import what_is_left
 from narx_sklearn.physics.effects import CATALOGUE
 
 N, SPLIT = 2000, 1600
-
-
-def axis(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1]
-
-
-def make_axis(gain=1.0, damping=0.5):
-    return ODESimulator(
-        axis,
-        dt=0.02,
-        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-    )
 
 
 def diagnosed(before, after):

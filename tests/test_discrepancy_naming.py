@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driven_axis import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, explain, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
@@ -28,10 +29,6 @@ from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 
-def axis(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1]
-
-
 def circuit(x, u, p):
     return p[0] * x[1], p[1] * (u[0] - x[0]) - p[2] * x[1]
 
@@ -43,16 +40,6 @@ def two_masses(x, u, p):
 
 def tank(x, u, p):
     return (p[0] * u[0] - p[1] * x[0],)
-
-
-def make_axis(gain=1.0, damping=0.5):
-    return ODESimulator(
-        axis,
-        dt=0.02,
-        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-    )
 
 
 def make_circuit():

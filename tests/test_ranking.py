@@ -4,8 +4,8 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from driven_axis import make_axis
 
-from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import Candidate, refit_leaders, refit_pairs
@@ -122,20 +122,6 @@ def test_one_effect_under_two_readings_is_no_pair():
     one, other = hypothesis("coulomb_friction", [[1.0]]), hypothesis("coulomb_friction", [[2.0]])
     columns = np.random.default_rng(0).normal(size=(20, 2))
     assert pairs(bank_of([one, other], columns, columns.sum(axis=1))) == []
-
-
-def axis(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1]
-
-
-def make_axis(gain=1.0, damping=0.5):
-    return ODESimulator(
-        axis,
-        dt=0.02,
-        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-    )
 
 
 @pytest.fixture(scope="module")

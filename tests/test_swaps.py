@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driven_axis import make_axis
 
-from narx_sklearn.discrepancy import ODESimulator, coloured_search
+from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import Candidate, Step
@@ -17,20 +18,6 @@ from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.swaps import swaps
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
-
-
-def axis(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1]
-
-
-def make_axis(gain=1.0, damping=0.5):
-    return ODESimulator(
-        axis,
-        dt=0.02,
-        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-    )
 
 
 def at_velocity(code, *theta, index=1, odd=False):
