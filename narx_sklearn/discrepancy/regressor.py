@@ -551,9 +551,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
-        held = self._on_held_out(held_out)
-        self._left_there = self._left_over_there(held)
-        if self.findings_ and self._harms(held):
+        held = self._on_held_out(held_out) if self.findings_ else None
+        self._left_there = self._left_over_there(held) if held else 1.0
+        if held and self._harms(held):
             ended = only_where_fitted(diagnosis.problem, diagnosis.best)
             if ended is not None:  # what began may have ended since
                 self._store(replace(diagnosis, best=ended), u, y, held_out)
@@ -563,7 +563,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.simulator_ = self.refitted_simulator_
             if self.findings_[0].effect != DRIFT and not diagnosis.best.given:
                 self.verdict_ = "unknown"
-        elif self.findings_ and self._left_there > STANDS_IN:
+        elif self._left_there > STANDS_IN:
             self.verdict_ = "unknown"
         self.report_ = report_text(self)
 
