@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate, probe, ranked, refit_leaders
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate, by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses, placements
@@ -190,7 +190,7 @@ class TestAsked:
         assert not probe(problem, found, all_of_them, 0).statistic[-1]
 
 
-class TestRanked:
+class TestByWeight:
     def test_the_effect_that_explains_most_comes_first(self):
         small = PlacedEffect(
             CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.02,), argument_name="velocity"
@@ -198,10 +198,37 @@ class TestRanked:
         problem, start = axis_problem([friction(0.3), small])
         for effects in ((small, friction(0.3)), (friction(0.3), small)):
             found = Candidate(fit(problem, start._replace(effects=effects)), problem.n_seen)
-            best = ranked(problem, found)
-            assert [e.effect.code for e in best.effects] == ["coulomb_friction", "constant_load"]
-            assert best.fit.cost <= found.fit.cost * (1 + 1e-9)
-            assert best.fit.model.q[2] == pytest.approx(0.3, rel=0.05)
+            order = by_weight(problem, found)
+            assert [effects[i].effect.code for i in order] == ["coulomb_friction", "constant_load"]
+
+    def test_a_gain_before_a_limit_stays_before_it(self):
+        """Told by weight, they still act in the order in which their values were fitted."""
+        gain = PlacedEffect(
+            CATALOGUE["gain_drift"], Port("input", 0), theta=(0.2, 0.5, 0.0), argument_name="force"
+        )
+        limit = PlacedEffect(
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 0.0), argument_name="force"
+        )
+        problem, start = axis_problem([gain, limit])
+        runs = [problem.run(start._replace(effects=e)).y for e in ((gain, limit), (limit, gain))]
+        assert np.nanmax(np.abs(runs[1] - runs[0])) > 0.01
+        found = Candidate(fit(problem, start._replace(effects=(gain, limit))), problem.n_seen)
+        assert [found.effects[i].effect.code for i in by_weight(problem, found)] == [
+            "rate_limit",
+            "gain_drift",
+        ]
+        assert [effect.effect.code for effect in found.effects] == ["gain_drift", "rate_limit"]
+
+
+class TestRateLimit:
+    def test_a_drive_that_is_not_yet_where_it_is_told_to_be_is_fitted(self):
+        resting = PlacedEffect(
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 1.0), argument_name="force"
+        )
+        problem, start = axis_problem([resting])
+        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.0])),)))
+        assert found.model.effects[0].theta == pytest.approx((0.5, 1.0), rel=0.05)
+        assert Candidate(found, problem.n_seen).n_values == 3  # where it began has no price
 
 
 class TestDrift:

@@ -574,7 +574,7 @@ class TestTransforms:
             ("input_saturation", [-1e9, 1e9, 0.0]),
             ("input_saturation", [-1e9, 1e9, 3.0]),
             ("sensor_clip", [-1e9, 1e9]),
-            ("rate_limit", [1e9]),
+            ("rate_limit", [1e9, 0.0]),
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
@@ -602,7 +602,7 @@ class TestTransforms:
         [
             ("backlash", [1.0, 0.3, 0.0, 0.0]),
             ("valve_stiction", [0.6, 0.5, 0.5, 0.0]),
-            ("rate_limit", [0.5]),
+            ("rate_limit", [0.5, 0.0]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0]),
@@ -623,9 +623,11 @@ class TestTransforms:
         assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
         assert transformed("input_polynomial", [2.0], [0.5, 0.25, 0.0]).tolist() == [6.0]
         assert transformed("input_polynomial", [3.0], [0.5, 0.25, 1.0]).tolist() == [7.0]
-        assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4], dt=1.0).tolist() == pytest.approx(
+        assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4, 0.0], dt=1.0).tolist() == pytest.approx(
             [0.0, 0.2, 0.6, 0.6]  # means of ramps from 0 to 0.4, 0.4 to 0.8, 0.8 to 0.4
         )
+        from_rest = transformed("rate_limit", [1.0, 1.0, -1.0, -1.0], [0.4, 1.0], dt=1.0, first=[0, 2])
+        np.testing.assert_allclose(from_rest, [0.2, 0.6, -0.2, -0.6], rtol=1e-15)
         halved = [0.5, 1 / np.log(2.0), 3.0]  # half way after a second
         drifted = transformed("gain_drift", [1.0, 1.0, 1.0], halved, dt=1.0, first=[0, 2])
         np.testing.assert_allclose(drifted, [1.0, 0.5, 1.0], rtol=1e-15)
@@ -743,7 +745,7 @@ class TestTransforms:
             (_creep_run, (DT, 0.5)),
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
-            (_rate_limit_run, (0.05,)),
+            (_rate_limit_run, (0.05, 0.8)),
             (_lag_run, (0.9, 0.05)),
             (_mode_run, _mode_matrices(10.0, 0.1, DT)),
         ],

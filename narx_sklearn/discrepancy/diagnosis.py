@@ -16,9 +16,9 @@ from narx_sklearn.discrepancy.explain import (
     ODD,
     Candidate,
     Step,
+    by_weight,
     odd,
     probe,
-    ranked,
     refit_leaders,
 )
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
@@ -84,6 +84,7 @@ class Diagnosis:
     nominal: Fit  # initial states only
     refitted: Fit
     best: Candidate  # the set chosen, or a curve that tells more; empty when nothing is missing
+    order: tuple[int, ...]  # of its effects: those first that explain most
     alternatives: tuple[tuple[Candidate, ...], ...]  # what could stand in the place of each of its effects
     p_missing: float
     p_moved: float
@@ -230,6 +231,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         nominal,
         refitted,
         best,
+        by_weight(problem, best, pool_of(steps)),
         alternatives,
         p_missing,
         p_moved,
@@ -277,7 +279,7 @@ def _named(
     settings.tell("rivals and unnamed curves")
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
-    best = ranked(problem, converged(problem, best), pool)
+    best = converged(problem, best)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:

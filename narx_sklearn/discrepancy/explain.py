@@ -434,14 +434,16 @@ def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     return [_without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
 
 
-def ranked(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> Candidate:
-    """Return the set with its members in order of what would be left unexplained without each, most first.
+def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> tuple[int, ...]:
+    """Return the members of a set in order of what would be left unexplained without each, most first.
 
     Two of one name (a rim on either tank) stand in for each other, so they are left out together first.
-    What the others leave is the least of what a refit and the ``pool`` of candidates know.
+    What the others leave is the least of what a refit and the ``pool`` of candidates know. The set keeps the
+    order in which its members act: a limit before a gain is not one behind it.
     """
-    if len(candidate.effects) < 2:
-        return candidate
+    effects = candidate.effects
+    if len(effects) < 2:
+        return tuple(range(len(effects)))
 
     def cost(left_out: list[PlacedEffect]) -> float:
         places = candidate.places - {effect.place for effect in left_out}
@@ -449,17 +451,15 @@ def ranked(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = (
         return min([_without(problem, candidate, left_out).fit.cost, *known])
 
     namesakes: dict[str, list[PlacedEffect]] = {}
-    for effect in candidate.effects:
+    for effect in effects:
         namesakes.setdefault(effect.effect.code, []).append(effect)
     together = {code: cost(members) for code, members in namesakes.items()}
 
-    def left(effect: PlacedEffect) -> tuple[float, float]:
-        code = effect.effect.code
-        return together[code], cost([effect]) if len(namesakes[code]) > 1 else 0.0
+    def left(i: int) -> tuple[float, float]:
+        code = effects[i].effect.code
+        return together[code], cost([effects[i]]) if len(namesakes[code]) > 1 else 0.0
 
-    effects = tuple(sorted(candidate.effects, key=left, reverse=True))
-    model = candidate.fit.model._replace(effects=effects)
-    return Candidate(fit(problem, model, iterations=1), candidate.n_samples)
+    return tuple(sorted(range(len(effects)), key=left, reverse=True))
 
 
 def _without(problem: Problem, candidate: Candidate, left_out: list[PlacedEffect]) -> Candidate:

@@ -30,10 +30,10 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
     sure = intervals(diagnosis.problem, best.fit, level)
     share = 1 - best.fit.cost / base.cost
     found = []
-    for i, (placed, own) in enumerate(zip(best.effects, best.fit.model.theirs, strict=True)):
-        rivals = diagnosis.alternatives[i]
+    for i in diagnosis.order:
+        placed, rivals = best.effects[i], diagnosis.alternatives[i]
         names = parameter_names(placed)
-        rows = sure[own]
+        rows = sure[best.fit.model.theirs[i]]
         found.append(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",

@@ -10,6 +10,7 @@ from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
+LACKING = (-10.0, 10.0)  # of the first command, where a record begins amid motion
 NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
 BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
@@ -84,14 +85,14 @@ def _levels(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _rate_limit_run(values, most):
+def _rate_limit_run(values, most, lacking):
     """Follow values that are held between samples by at most ``most`` a sample; return the mean over each.
 
     A held command steps at the sample and the ramp that follows it is mostly over before the next one, so the
-    value at the sample would show nothing of it.
+    value at the sample would show nothing of it. At first a share of the first value is ``lacking``.
     """
     out = np.empty(values.size)
-    at = values[0]
+    at = values[0] * (1.0 - lacking)
     for k in range(values.size):
         missing = values[k] - at
         size = abs(missing)
@@ -106,7 +107,7 @@ def _rate_limit_run(values, most):
 
 
 def _rate_limit_transform(signal, second, dt, theta, first):
-    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt)
+    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt, theta[1])
 
 
 def _limited_difference(now, before, most):
@@ -118,12 +119,12 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
     moves = moves[np.isfinite(moves)]
     moves = moves[moves > 0]
     if moves.size == 0:
-        return np.empty((0, 1))
+        return np.empty((0, 2))
     # steps show a limit as ramps of some samples, or within one; a smooth record near its fastest slopes
     limits = np.unique(
         np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 2.0, 8.0]) * moves.max()])
     )
-    return telling(setting, grid(limits), _rate_limit_transform)
+    return telling(setting, grid(limits, [0.0]), _rate_limit_transform)
 
 
 @kernel
@@ -184,8 +185,9 @@ LIMITS = (
         code="rate_limit",
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
-        equation="|ds/dt| <= r",
-        parameters=(EffectParameter("r", "{port}/s", 0.0),),
+        equation="|ds/dt| <= r; at first a share i of the command is lacking, all of it from rest at zero",
+        parameters=(EffectParameter("r", "{port}/s", 0.0), EffectParameter("i", "-", *LACKING)),
+        begin=1,
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
         output_port=False,
