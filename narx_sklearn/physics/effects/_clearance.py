@@ -127,7 +127,7 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
     low, middle, high = quantiles(setting.argument, [0.0, 0.5, 1.0])
     if not high > low:
         return np.empty((0, 3))
-    gaps = quantiles(np.abs(setting.argument - middle), [0.3, 0.6, 0.9])
+    gaps = quantiles(np.abs(setting.argument - middle), [0.1, 0.3, 0.6, 0.9])
     wide = 2 * (high - low)  # puts the other stop out of reach
     upper, lower = quantiles(setting.argument, [0.85, 0.15])
     rows = np.concatenate(
