@@ -580,8 +580,8 @@ class TestTransforms:
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
             ("creep", [0.0, 1.0]),
-            ("delay", [0.0]),
-            ("lag", [0.0]),
+            ("delay", [0.0, 0.0]),
+            ("lag", [0.0, 0.0]),
             ("extra_mode", [0.0, 10.0, 0.1]),
             ("quantisation", [0.0]),
             ("quantisation", [1e-9]),
@@ -606,8 +606,8 @@ class TestTransforms:
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0]),
-            ("delay", [0.3]),
-            ("lag", [0.3]),
+            ("delay", [0.3, 0.0]),
+            ("lag", [0.3, 0.0]),
             ("extra_mode", [0.5, 10.0, 0.1]),
         ],
     )
@@ -709,15 +709,25 @@ class TestTransforms:
 
     def test_a_delay_of_whole_samples_is_a_shift(self):
         signal = wideband()
-        late = transformed("delay", signal, [5 * DT])
+        late = transformed("delay", signal, [5 * DT, 0.0])
         np.testing.assert_allclose(late[5:], signal[:-5], atol=1e-12)
         np.testing.assert_allclose(late[:5], signal[0])
+
+    @pytest.mark.parametrize(("code", "theta"), [("delay", 5 * DT), ("lag", 0.3), ("rate_limit", 2.0)])
+    def test_what_follows_late_may_be_at_rest_at_zero_when_a_record_begins_with_a_step(self, code, theta):
+        """As if a command of zero had gone before."""
+        signal = 2.0 + wideband()
+        longer = transformed(code, np.concatenate([np.zeros(50), signal]), [theta, 0.0])
+        begun = transformed(code, signal, [theta, 1.0])
+        # up to the ramp of one step that a straight line draws from the last zero to the first value
+        np.testing.assert_allclose(begun, longer[50:], atol=0.02 * np.max(signal))
+        assert np.abs(transformed(code, signal, [theta, 0.0]) - longer[50:]).max() > 0.5
 
     @pytest.mark.parametrize("T", [0.02, 0.3, 4.0])
     def test_a_lag_is_the_filter_it_says(self, T):
         signal = wideband() - wideband()[0]
         _, expected, _ = lsim(([1.0], [T, 1.0]), signal, np.arange(signal.size) * DT)
-        np.testing.assert_allclose(transformed("lag", signal, [T]), expected, atol=1e-10)
+        np.testing.assert_allclose(transformed("lag", signal, [T, 0.0]), expected, atol=1e-10)
 
     @pytest.mark.parametrize(("w", "zeta"), [(3.0, 0.05), (20.0, 0.5), (1.0, 3.0)])
     def test_an_extra_mode_is_the_filter_it_says(self, w, zeta):
@@ -746,7 +756,7 @@ class TestTransforms:
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.8)),
-            (_lag_run, (0.9, 0.05)),
+            (_lag_run, (0.9, 0.05, 0.3)),
             (_mode_run, _mode_matrices(10.0, 0.1, DT)),
         ],
     )

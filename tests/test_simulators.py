@@ -72,26 +72,27 @@ def test_linear_hold_agrees_with_an_independent_solver():
 
 @pytest.mark.parametrize("late", [0.015, 0.035, 0.125])
 @pytest.mark.parametrize("code", ["delay", "lag"])
-def test_what_comes_late_of_a_held_input_acts_between_the_samples(code, late):
+@pytest.mark.parametrize("lacking", [0.0, 1.0])
+def test_what_comes_late_of_a_held_input_acts_between_the_samples(code, late, lacking):
     """Against the exact solution on a grid fifty times as fine, within a tenth of what means alone leave."""
     A, b, dt, fine = np.array([[0, 1], [-12, -0.8]]), np.array([0.0, 1.0]), 0.05, 50
     u = np.random.default_rng(2).normal(size=120)
     sent = np.repeat(u, fine)
     if code == "delay":
-        arrived = np.concatenate([np.full(round(late / dt * fine), u[0]), sent])[: sent.size]
+        arrived = np.concatenate([np.full(round(late / dt * fine), u[0] * (1 - lacking)), sent])[: sent.size]
         system, x = np.block([[A, b[:, None]], [np.zeros((1, 3))]]), np.zeros(2)
     else:
         arrived = sent
-        system, x = np.zeros((4, 4)), np.array([0.0, 0.0, u[0]])
+        system, x = np.zeros((4, 4)), np.array([0.0, 0.0, u[0] * (1 - lacking)])
         system[:2, :2], system[:2, 2], system[2, 2:] = A, b, [-1 / late, 1 / late]
     step = expm(system * dt / fine)
     exact = []
     for value in arrived:
         exact.append(x[0])
         x = step[: x.size, : x.size] @ x + step[: x.size, x.size] * value
-    placed = PlacedEffect(CATALOGUE[code], Port("input", 0), theta=(late,))
+    placed = PlacedEffect(CATALOGUE[code], Port("input", 0), theta=(late, lacking))
     y = ODESimulator(stage, **STAGE).with_effects([placed]).simulate(u)[:, 0]
-    changed, _ = CATALOGUE[code].held(u, dt, [late], [0])
+    changed, _ = CATALOGUE[code].held(u, dt, [late, lacking], [0])
     means = ODESimulator(stage, **STAGE).simulate(changed)[:, 0]
     error, of_means = (np.std(run - exact[::fine]) for run in (y, means))
     assert error < 1e-3 * np.std(exact)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import expm
 
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces, time_since
 from narx_sklearn.physics.effects._starts import (
@@ -21,32 +21,37 @@ LIGHT = 0.1  # damping ratio from which modes are tried: half as wide as BAND is
 
 
 def _delay_transform(signal, second, dt, theta, first):
-    """Interpolate between samples; before its first value a piece is held."""
+    """Interpolate between samples; before its first value a piece was at that, less a share of it."""
     time = time_since(first, signal.size, dt)
     began = np.flatnonzero(time == 0)
     out = np.array(signal, dtype=float)
     for a, b in zip(began, [*began[1:], signal.size], strict=True):
         good = np.flatnonzero(np.isfinite(signal[a:b]))
         if good.size:
-            out[a + good] = np.interp(time[a + good] - theta[0], time[a + good], signal[a + good])
+            before = signal[a + good[0]] * (1.0 - theta[1])
+            out[a + good] = np.interp(
+                time[a + good] - theta[0], time[a + good], signal[a + good], left=before
+            )
     return out
 
 
 def _delay_held(signal, dt, theta, first):
     """Hold what came last until a fraction f of the step has passed."""
     f = theta[0] / dt % 1.0
-    whole = np.array([theta[0] - f * dt])
-    last, one_before = (_delay_transform(signal, None, dt, late, first) for late in (whole, whole + dt))
+    whole = theta[0] - f * dt
+    last, one_before = (
+        _delay_transform(signal, None, dt, (late, theta[1]), first) for late in (whole, whole + dt)
+    )
     return last + f * (one_before - last), 6.0 * f * (1.0 - f) * (last - one_before)
 
 
 def _times(setting: Setting, shares) -> np.ndarray:
-    """Return shares of the signal's time scale, between half a sample and a fifth of the record."""
+    """Return shares of the signal's time scale, from half a sample to a fifth of the record; from rest."""
     longest = record_length(setting) / 5
     if spread(setting.argument) == 0 or longest < setting.dt:
-        return np.empty((0, 1))
+        return np.empty((0, 2))
     times = np.array(shares) * time_scale(setting)
-    return grid(np.unique(np.clip(times, 0.5 * setting.dt, longest)))
+    return grid(np.unique(np.clip(times, 0.5 * setting.dt, longest)), [0.0])
 
 
 def _delay_starts(setting: Setting) -> np.ndarray:
@@ -54,10 +59,13 @@ def _delay_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _lag_run(values, decay, new):
-    """Return the lag along values, at rest on the first; exact where they are straight between samples."""
+def _lag_run(values, decay, new, lacking):
+    """Return the lag along values, exact where they are straight between samples.
+
+    It begins at rest on the first, but for a share of it that is ``lacking``.
+    """
     out = np.empty(values.size)
-    out[0] = values[0]
+    out[0] = values[0] * (1.0 - lacking)
     for k in range(1, values.size):
         out[k] = decay * out[k - 1] + (1.0 - decay - new) * values[k - 1] + new * values[k]
     return out
@@ -65,13 +73,13 @@ def _lag_run(values, decay, new):
 
 def _lag_transform(signal, second, dt, theta, first):
     ratio = dt / max(theta[0], 1e-12 * dt)
-    return by_pieces(_lag_run, signal, first, np.exp(-ratio), 1.0 + np.expm1(-ratio) / ratio)
+    return by_pieces(_lag_run, signal, first, np.exp(-ratio), 1.0 + np.expm1(-ratio) / ratio, theta[1])
 
 
 def _lag_held(signal, dt, theta, first):
-    """Follow each value of a held signal exponentially; at rest on the first."""
+    """Follow each value of a held signal exponentially."""
     ratio = dt / max(theta[0], 1e-12 * dt)
-    behind = by_pieces(_lag_run, signal, first, np.exp(-ratio), 0.0) - signal
+    behind = by_pieces(_lag_run, signal, first, np.exp(-ratio), 0.0, theta[1]) - signal
     mean = -np.expm1(-ratio) / ratio
     # first moment of the decay about the middle of the step, as a series where it would cancel
     series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))
@@ -150,8 +158,9 @@ DYNAMICS = (
         code="delay",
         title="Delay",
         sentence="Everything comes a fixed time late.",
-        equation="s(t - T)",
-        parameters=(EffectParameter("T", "s", 0.0),),
+        equation="s(t - T); before the record a share i of the first command was lacking",
+        parameters=(EffectParameter("T", "s", 0.0), LACKING),
+        begin=1,
         starts=_delay_starts,
         transform=_delay_transform,
         held=_delay_held,
@@ -165,8 +174,9 @@ DYNAMICS = (
         code="lag",
         title="Lag",
         sentence="The signal arrives smoothed, as through a filter.",
-        equation="T s_out' = s - s_out",
-        parameters=(EffectParameter("T", "s", 0.0),),
+        equation="T s_out' = s - s_out; at first a share i of the command is lacking",
+        parameters=(EffectParameter("T", "s", 0.0), LACKING),
+        begin=1,
         starts=_lag_starts,
         transform=_lag_transform,
         held=_lag_held,

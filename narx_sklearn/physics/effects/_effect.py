@@ -27,6 +27,7 @@ class EffectParameter(NamedTuple):
 
 
 BEGIN = EffectParameter("i", "-", -1.0, 1.0)  # where within its play a memory stands when a record begins
+LACKING = EffectParameter("i", "-", -10.0, 10.0)  # share of the first value; 1 for from rest at zero
 
 
 class Setting(NamedTuple):

@@ -5,12 +5,11 @@ import numpy as np
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._corner import between
 from narx_sklearn.physics.effects._curves import of_difference, of_level
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
 
-LACKING = (-10.0, 10.0)  # of the first command, where a record begins amid motion
 NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
 BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
@@ -186,7 +185,7 @@ LIMITS = (
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
         equation="|ds/dt| <= r; at first a share i of the command is lacking, all of it from rest at zero",
-        parameters=(EffectParameter("r", "{port}/s", 0.0), EffectParameter("i", "-", *LACKING)),
+        parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING),
         begin=1,
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
