@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from driven_axis import make_axis
 
+from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.explain import Candidate, refit_leaders, refit_pairs
@@ -144,6 +145,41 @@ def searched():
     bank = make_bank(problem, base, hypotheses)
     singles = refit_leaders(problem, base, leaders(bank, 12, CERTAIN, 1.0))
     return problem, base, bank, singles
+
+
+def test_an_effect_in_another_valley_is_tried_where_the_best_is():
+    """A limit of the drive, fitted from a quarter of the stiffness, stays there; friction knows better."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0.0, 3.0, 60), 25)[:, None]
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], FORCE, (0.0, 1.0), theta=(0.6,))
+    limit = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0), theta=(-4.0, 4.0, 0.1))
+    y = make_spring().with_effects([friction]).simulate(u) + 0.002 * rng.normal(size=(1500, 1))
+    windows = cut([(slice(0, 1500), 0)], 1500, 1)
+    problem = Problem(make_spring(), u, y, windows, Noise.white(np.array([0.002])))
+    base = fit(problem, Model(problem.simulator.nominal, (), np.zeros((1, 2))))
+    afar = base.model._replace(p=np.array([0.1, 10.0]), effects=(limit,))
+    near = base.model._replace(effects=(friction,))
+    known = [Candidate(fit(problem, model), problem.n_seen) for model in (near, afar)]
+    assert known[1].fit.cost > 100 * base.cost
+    found = refit_leaders(problem, base, [friction, limit], known=known)
+    assert [c.effects[0].effect.code for c in found] == ["coulomb_friction", "input_saturation"]
+    assert found[1].fit.cost < 1.1 * base.cost
+    np.testing.assert_allclose([c.fit.model.p[1] for c in found], 40.0, rtol=0.01)
+
+
+def spring(x, u, p):
+    return x[1], u[0] - p[0] * x[1] - p[1] * x[0]
+
+
+def make_spring():
+    return ODESimulator(
+        spring,
+        dt=0.02,
+        parameters={"damping [1/s]": 0.1, "stiffness [1/s^2]": 40.0},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [m/s^2]"],
+        outputs=["position [m]"],
+    )
 
 
 class TestTwoAtOnce:

@@ -27,7 +27,8 @@ from narx_sklearn.discrepancy.valleys import other_valleys
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
 FINE = 20  # iterations that bring a leader to convergence
-TWINS = 7  # leaders that are also tried from the simulator's own parameter values
+TWINS = 7  # leaders that are also tried from other values of the simulator's own parameters
+ASUNDER = 0.5  # share of the larger of two values of such a parameter, from which they lie far apart
 BEAM = 2  # sets of effects carried to the next depth
 PAIRS = 8  # of effects that promise most together, fitted
 PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
@@ -133,7 +134,8 @@ def refit_leaders(
 
     All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
     convergence. Where nothing is in the model yet, ``twins`` start from the simulator's own parameter values
-    too: what the refit made of them without the effect may lie in another valley. Those ``known``, fitted
+    too: what the refit made of them without the effect may lie in another valley. Where the best came to
+    quite other values of them than the next, these are tried from there as well. Those ``known``, fitted
     before under another noise, go on from there; of them the best are no less leaders.
     """
 
@@ -148,8 +150,10 @@ def refit_leaders(
     )
     twins = 0 if base.model.effects or before else twins
     found, left_behind = _in_rounds(problem, models, n_jobs, twins=twins, finished=finished)
+    if finished is None:
+        found, left_behind = _from_where_the_best_is(problem, found, left_behind, n_jobs)
     found = _from_other_valleys(problem, base, found, n_jobs)
-    return sorted(found + left_behind, key=lambda c: c.criterion)
+    return once_each(sorted(found + left_behind, key=lambda c: c.criterion))
 
 
 def _in_rounds(
@@ -172,6 +176,28 @@ def _in_rounds(
     if finished is not None:
         models, left_behind = models[:finished], left_behind + found[finished:most]
     return _fitted(problem, models, FINE, n_jobs, rough=False), left_behind
+
+
+def _from_where_the_best_is(
+    problem: Problem, found: list[Candidate], left_behind: list[Candidate], n_jobs
+) -> tuple[list[Candidate], list[Candidate]]:
+    """Return the candidates, better ones from the best's values of the simulator's own parameters with them.
+
+    Those left behind are tried as well, up to as many as there are twins.
+    """
+    if not found:
+        return found, left_behind
+    best = found[0].fit.model.p
+    others = [c for c in [*found[1:], *left_behind] if _lies_asunder(problem, c.fit.model.p, best)]
+    models = [c.fit.model._replace(p=best) for c in others[:TWINS]]
+    moved, behind = _in_rounds(problem, models, n_jobs, rounds=PAIR_ROUNDS)
+    return once_each(sorted(found + moved, key=lambda c: c.criterion)), left_behind + behind
+
+
+def _lies_asunder(problem: Problem, p: np.ndarray, other: np.ndarray) -> bool:
+    """Tell whether two values of any of the simulator's own parameters that have a size lie far apart."""
+    larger = np.maximum(np.abs(p), np.abs(other))
+    return bool(np.any((np.abs(p - other) > ASUNDER * larger) & (problem.simulator.nominal != 0)))
 
 
 def _fitted(
