@@ -27,7 +27,7 @@ from narx_sklearn.physics.effects import (
     unregister_effect,
 )
 from narx_sklearn.physics.effects._clearance import _plays_run, _stiction_run
-from narx_sklearn.physics.effects._dynamics import _lag_run, _mode_matrices, _mode_run
+from narx_sklearn.physics.effects._dynamics import _along_parabolas, _following_run, _held_lag_run
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
 from narx_sklearn.physics.effects._hysteresis import (
     N_PLAYS,
@@ -532,6 +532,9 @@ def _whole(n):
     return Windows.whole([slice(0, n)]), np.zeros((1, 2))
 
 
+SWINGING = _along_parabolas(np.array([[0.0, 1.0], [-100.0, -2.0]]), np.array([0.0, 100.0]), DT)
+
+
 class TestTransforms:
     @pytest.mark.parametrize("effect", [e for e in TRANSFORMS if e.amplitude is not None], ids=by_code)
     def test_what_a_transform_adds_is_linear_in_its_amplitude(self, effect, ordinary):
@@ -756,12 +759,14 @@ class TestTransforms:
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.8)),
-            (_lag_run, (0.9, 0.05, 0.3)),
-            (_mode_run, _mode_matrices(10.0, 0.1, DT)),
+            (_held_lag_run, (0.9, 0.3)),
+            (_following_run, (*SWINGING, 0.3)),
         ],
     )
     def test_series_kernels_agree_with_their_python_form(self, run, theta):
         signal = wideband(60)
+        if run is _following_run:
+            signal = np.column_stack([signal, wideband(60, seed=2)])
         np.testing.assert_allclose(run(signal, *theta), run.py_func(signal, *theta), rtol=1e-12, atol=1e-15)
 
     def test_a_stuck_sensor_holds_the_value_it_stuck_at(self):
@@ -769,6 +774,35 @@ class TestTransforms:
         stuck = transformed("stuck_sensor", signal, [2.0, 1.0])
         np.testing.assert_allclose(stuck[200:300], signal[200])
         np.testing.assert_array_equal(np.delete(stuck, np.s_[200:300]), np.delete(signal, np.s_[200:300]))
+
+    @pytest.mark.parametrize(
+        ("code", "theta"),
+        [
+            ("delay", [0.013, 0.0]),
+            ("delay", [0.207, 0.0]),
+            ("lag", [0.003, 0.0]),
+            ("lag", [0.4, 0.0]),
+            ("extra_mode", [0.7, 60.0, 0.1]),
+            ("extra_mode", [0.7, 2.0, 3.0]),
+        ],
+    )
+    def test_what_bends_within_steps_is_followed_exactly(self, code, theta):
+        """Parabolas from sample to sample, put in as a signal a hundred times as finely sampled."""
+        rng, fine = np.random.default_rng(5), 100
+        signal, middle = rng.normal(size=(2, 40))
+        share = np.arange(fine) / fine
+        after = np.append(signal[1:], signal[-1])
+        begin, rest = signal[:, None], 4 * middle - 3 * signal - after
+        bent = (begin + share * (rest[:, None] + share * 2 * (signal - 2 * middle + after)[:, None])).ravel()
+        effect = CATALOGUE[code]
+        exact = effect.transform(bent, None, DT / fine, theta, [0])
+        known = effect.curved(signal, middle, DT, theta, [0])
+        np.testing.assert_allclose(known[0], exact[::fine], atol=3e-3)
+        np.testing.assert_allclose(known[1], exact[fine // 2 :: fine], atol=3e-3)
+        straight = effect.transform(signal, None, DT, theta, [0])
+        assert np.abs(straight - exact[::fine]).max() > 10 * np.abs(known[0] - exact[::fine]).max()
+        line = np.append(0.5 * (signal[1:] + signal[:-1]), signal[-1])
+        np.testing.assert_allclose(effect.curved(signal, line, DT, theta, [0])[0], straight, atol=1e-12)
 
 
 class TestHysteresis:

@@ -99,6 +99,34 @@ def test_what_comes_late_of_a_held_input_acts_between_the_samples(code, late, la
     assert error < 0.1 * of_means
 
 
+@pytest.mark.parametrize("substeps", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("code", "theta"), [("delay", (0.035, 0.0)), ("lag", (0.03, 0.0)), ("extra_mode", (0.8, 40.0, 0.2))]
+)
+def test_a_sensor_follows_what_its_signal_does_between_the_samples(code, theta, substeps):
+    """Of a pole whose input jumps at the samples; straight lines in between leave over ten times as much."""
+    pole, dt, fine = 6.0, 0.05, 200
+    u = np.random.default_rng(2).normal(size=(120, 1))
+    share = np.arange(fine) / fine
+    x, exact = 0.0, []
+    for (value,) in u:
+        exact.append(value / pole + (x - value / pole) * np.exp(-pole * share * dt))
+        x = value / pole + (x - value / pole) * np.exp(-pole * dt)
+    effect = CATALOGUE[code]
+    exact = effect.transform(np.concatenate(exact), None, dt / fine, theta, [0])[::fine]
+    simulator = ODESimulator(
+        lambda x, u, p: (u[0] - p[0] * x[0],),
+        dt=dt,
+        parameters={"pole [1/s]": pole},
+        states=["x [V]"],
+        inputs=["u [V/s]"],
+        substeps=substeps,
+    )
+    y = simulator.with_effects([PlacedEffect(effect, Port("output", 0), theta=theta)]).simulate(u)[:, 0]
+    straight = effect.transform(simulator.simulate(u)[:, 0], None, dt, theta, [0])
+    assert np.std(y - exact) < min(0.1 * np.std(straight - exact), 1e-3 * np.std(exact))
+
+
 def test_python_fallback_runs_as_compiled():
     class Tank:
         def __call__(self, x, u, p):

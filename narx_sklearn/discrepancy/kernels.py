@@ -25,6 +25,7 @@ AT_ONCE = 1e-6  # of a step
 NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides
 FINER = 8  # parts of a step in which a motion comes to rest, or turns about
 AHEAD = 1.5  # times what a signal changes in a step, from zero, where the step is so parted
+CLOSE = 1e-9  # of a step, that its middle may be off
 AT_REST = 1e-3  # of what pushes at it, the rate of what friction holds
 PUSH = 1e-6  # of an input, to feel how a force beside it moves its argument
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
@@ -204,6 +205,17 @@ def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
         rates[i] += 0.5 * (over[i] + under[i]) - raw[i] + share * 0.5 * (over[i] - under[i])
 
 
+@njit(nogil=True, inline="always")
+def _write_inputs(ahead, k, has_next, u, tilt, linear_hold, now):
+    """Write the inputs a share of a step after sample k; as they are where they are constant in between."""
+    if linear_hold and has_next:
+        for i in range(now.size):
+            now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
+    elif tilt.shape[0] > 0:
+        for i in range(now.size):
+            now[i] = u[k, i] + (ahead - 0.5) * tilt[k, i]
+
+
 def _no_force(argument, rate, own, second, time, step, z, theta, dz):
     return 0.0
 
@@ -247,6 +259,7 @@ def _simulate_windows(
     y_out,
     x_out,
     z_out,
+    middle_out,
 ):
     """Run every window from its own initial state; return the sample where the run left the finite range.
 
@@ -265,7 +278,8 @@ def _simulate_windows(
     equations jump by about twice an `authority` where one of the `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
-    MAX_MEMORY). Rows outside the windows are left alone. -1 is returned when all went well.
+    MAX_MEMORY); and middle_out (n_samples, n_outputs), if it has rows: the outputs half a step after each
+    sample. Rows outside the windows are left alone. -1 is returned when all went well.
     """
     equation = _equation_at(equation_address)
     output = _equation_at(output_address)
@@ -285,7 +299,7 @@ def _simulate_windows(
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     z_stage = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     dz = np.zeros((MAX_EFFECTS * 4, MAX_MEMORY))  # row 4 e + r: effect e at stage r
-    tilted = tilt.shape[0] > 0
+    wants_middle = middle_out.shape[0] > 0
     failed = -1
     n_stages = 1 if discrete else 4
     n_switches = switches.shape[0]
@@ -301,7 +315,8 @@ def _simulate_windows(
         broken = False
         for k in range(first[w], last[w]):
             for i in range(n_inputs):
-                now[i] = u[k, i] - 0.5 * tilt[k, i] if tilted else u[k, i]
+                now[i] = u[k, i]
+            _write_inputs(0.0, k, k + 1 < last[w], u, tilt, linear_hold, now)
             for i in range(n_states):
                 x_out[k, i] = x[i]
                 if not abs(x[i]) < UNBOUNDED:
@@ -341,13 +356,7 @@ def _simulate_windows(
                                 z_stage[e, j] = z[e, j]
                                 if r > 0 and not jumps[e]:
                                     z_stage[e, j] += step * dz[4 * e + r - 1, j]
-                        if linear_hold and k + 1 < last[w]:
-                            ahead = (reached + step) / dt
-                            for i in range(n_inputs):
-                                now[i] = u[k, i] + ahead * (u[k + 1, i] - u[k, i])
-                        elif tilted:
-                            for i in range(n_inputs):
-                                now[i] = u[k, i] + ((reached + step) / dt - 0.5) * tilt[k, i]
+                        _write_inputs((reached + step) / dt, k, k + 1 < last[w], u, tilt, linear_hold, now)
                         _write(equation, stage, now, p, nominal)
                         for i in range(n_states):
                             settled[i] = nominal[i]
@@ -472,6 +481,18 @@ def _simulate_windows(
                         x[port[e]] += force
                         if onward[e] >= 0:
                             x[onward[e]] -= theta[e, SPILL] * force
+                    if wants_middle and reached < dt * (0.5 + CLOSE) and reached + h > dt * (0.5 + CLOSE):
+                        # within a step the stages make a cubic (Hairer, Norsett and Wanner 1993, II.6)
+                        on = max(0.5 * dt - reached, 0.0) / h
+                        outer, inner = on * on * (2 * on / 3 - 0.5), on * on * (1 - 2 * on / 3)
+                        for i in range(n_states):
+                            mean = outer * slope[3, i] + (on - on * on + outer) * slope[0, i]
+                            mean += inner * (slope[1, i] + slope[2, i])
+                            stage[i] = before[i] + h * mean
+                        _write_inputs(0.5, k, k + 1 < last[w], u, tilt, linear_hold, now)
+                        _write(output, stage, now, p, observed)
+                        for i in range(n_outputs):
+                            middle_out[k, i] = observed[i]
                     for e in range(n_forces):
                         if discrete and memory[e] > 0 and not jumps[e]:
                             # a memory goes on between the samples, while what it depends on moves evenly
@@ -535,9 +556,7 @@ def simulate_windows():
         types.int64,
         types.boolean,
         types.boolean,
-        MATRIX,
-        MATRIX,
-        MATRIX,
+        *[MATRIX] * 4,
     )
     _simulate_windows.compile(signature)
     _simulate_windows.disable_compile()

@@ -182,6 +182,8 @@ class Simulator(ABC):
         x = np.full((n_samples, len(self.states)), np.nan)
         forces = [(effects[i], share[i]) for i in in_turn(effects)]
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
+        bends = any(e.port.kind == "output" and e.effect.curved is not None for e in effects)
+        middle = np.full((n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
         equation, output = self._equations()
         p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
         try:
@@ -205,10 +207,11 @@ class Simulator(ABC):
                 y,
                 x,
                 z,
+                middle,
             )
         except Exception as error:
             raise _stopped_by(error, x, windows, self.dt) from error
-        y = _transformed(y, "output", effects, share, driven, self.dt, windows)
+        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, middle=middle)
         return Run(y, x, z, failed)
 
     def identified(self, u, *, sessions=None) -> "Simulator":
@@ -368,17 +371,29 @@ def _slots(forces, n_inputs: int, n_states: int):
 
 def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
     """Return signals with the effects at ports of one kind applied, session by session."""
-    return _applied(signals, kind, effects, strength, driven, dt, windows, is_held=False)[0]
+    return _applied(signals, kind, effects, strength, driven, dt, windows)[0]
 
 
 def _applied(
-    signals, kind, effects, strength, driven, dt, windows: Windows, is_held: bool
+    signals,
+    kind,
+    effects,
+    strength,
+    driven,
+    dt,
+    windows: Windows,
+    is_held: bool = False,
+    middle: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return signals with effects applied, and by how much they then rise within each step, if they do.
 
     What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
-    signals are means over the steps, and the rise is that of the straight line of least squares.
+    signals are means over the steps, and the rise is that of the straight line of least squares. Where the
+    ``middle`` of each step is known, (n_samples, n_signals) or no rows, what arrives late is that of a signal
+    which bends there; behind an effect that does not tell its own middle it is no longer known.
     """
+    middle = np.empty((0, signals.shape[1])) if middle is None else middle
+    bends = np.full(signals.shape[1], len(middle) > 0)
     out, tilt = signals, np.empty((0, signals.shape[1]))
     for placed, scale in zip(effects, strength, strict=True):
         if placed.port.kind != kind:
@@ -396,7 +411,12 @@ def _applied(
             changed, rise = placed.effect.held(inside, dt, theta, begin)
             tilt = tilt if len(tilt) else np.zeros_like(signals)
             tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
+        elif bends[placed.port.index] and placed.effect.curved is not None:
+            at = middle[keep, placed.port.index]
+            changed, then = placed.effect.curved(inside, at, dt, theta, begin)
+            middle[keep, placed.port.index] = at + np.where(acts, scale * (then - at), 0.0)
         else:
+            bends[placed.port.index] = False
             changed = placed.effect.transform(
                 inside, None if other is None else other[keep], dt, theta, begin
             )

@@ -17,6 +17,7 @@ from narx_sklearn.physics.effects._starts import (
 
 BAND = np.geomspace(0.3, 6.0, 17)  # frequencies of modes that may have been left out, of the signal's own
 SMALL = 1e-2  # share of a lag's time that a step takes, below which its moments are summed as series
+SHORT = 1e-12  # of a step: a lag of less is none
 LIGHT = 0.1  # damping ratio from which modes are tried: half as wide as BAND is spaced
 
 
@@ -33,6 +34,30 @@ def _delay_transform(signal, second, dt, theta, first):
                 time[a + good] - theta[0], time[a + good], signal[a + good], left=before
             )
     return out
+
+
+def _delay_curved(signal, middle, dt, theta, first):
+    """Interpolate by the parabola of the step that came so much earlier."""
+    time = time_since(first, signal.size, dt)
+    began = np.flatnonzero(time == 0)
+    out = np.column_stack([signal, middle])
+    for a, b in zip(began, [*began[1:], signal.size], strict=True):
+        good = a + np.flatnonzero(np.isfinite(out[a:b]).all(axis=1))
+        if not good.size:
+            continue
+        known, between, at = signal[good], middle[good], time[good]
+        after = np.append(known[1:], known[-1])
+        for j, now in enumerate((at, at + 0.5 * dt)):
+            then = np.searchsorted(at, now - theta[0], side="right") - 1
+            share = np.minimum((now - theta[0] - at[then]) / dt, 1.0)
+            late = _parabola(share, known[then], between[then], after[then])
+            out[good, j] = np.where(then >= 0, late, known[0] * (1.0 - theta[1]))
+    return out.T
+
+
+def _parabola(share, begin, middle, end):
+    """Return the value a share of the step after its beginning of the parabola through three values."""
+    return begin + share * ((4 * middle - 3 * begin - end) + share * 2 * (begin - 2 * middle + end))
 
 
 def _delay_held(signal, dt, theta, first):
@@ -59,27 +84,90 @@ def _delay_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _lag_run(values, decay, new, lacking):
-    """Return the lag along values, exact where they are straight between samples.
-
-    It begins at rest on the first, but for a share of it that is ``lacking``.
-    """
+def _held_lag_run(values, decay, lacking):
+    """Return where a lag of held values stands at each sample; it lacks a share of the first at first."""
     out = np.empty(values.size)
     out[0] = values[0] * (1.0 - lacking)
     for k in range(1, values.size):
-        out[k] = decay * out[k - 1] + (1.0 - decay - new) * values[k - 1] + new * values[k]
+        out[k] = decay * out[k - 1] + (1.0 - decay) * values[k - 1]
     return out
 
 
+@kernel
+def _following_run(curve, half, full, lacking):
+    """Return the first state of a linear system along a curve, known at the samples and in between.
+
+    Both (n_samples, 2). Half a step on, and a whole one, the states are (n_states, n_states + 3) times the
+    states and the curve at the step's beginning, in its middle and at its end. The system begins at rest on
+    the first value, but for a share of it that is ``lacking``.
+    """
+    n = half.shape[0]
+    out = np.empty(curve.shape)
+    now = np.zeros(n + 3)
+    now[0] = curve[0, 0] * (1.0 - lacking)
+    for k in range(len(curve)):
+        now[n] = curve[k, 0]
+        now[n + 1] = curve[k, 1]
+        now[n + 2] = curve[min(k + 1, len(curve) - 1), 0]
+        out[k, 0] = now[0]
+        out[k, 1] = _row_times(half, 0, now)
+        if n == 1:
+            now[0] = _row_times(full, 0, now)
+        else:
+            now[0], now[1] = _row_times(full, 0, now), _row_times(full, 1, now)
+    return out
+
+
+@kernel
+def _row_times(matrix, row, vector):
+    total = 0.0
+    for j in range(vector.size):
+        total += matrix[row, j] * vector[j]
+    return total
+
+
+def _along_parabolas(A, b, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what takes x' = A x + b s half a step and a whole step on, where s is a parabola in the step.
+
+    Each (n_states, n_states + 3): of the states, and of s at the beginning, in the middle and at the end.
+    """
+    n = len(b)
+    M = np.zeros((n + 3, n + 3))
+    M[:n, :n], M[:n, n] = A * dt, b * dt
+    M[n, n + 1] = M[n + 1, n + 2] = 1.0  # s, and its first and second derivative by the share of the step
+    half = expm(0.5 * M)
+    of_values = np.eye(n + 3)
+    of_values[n:, n:] = [[1, 0, 0], [-3, 4, -1], [4, -8, 4]]
+    whole = half @ half
+    return np.ascontiguousarray((half @ of_values)[:n]), np.ascontiguousarray((whole @ of_values)[:n])
+
+
+def _following(signal, middle, first, A, b, dt, lacking):
+    """Return (signal, middle) of a system's first state; along straight lines where the middle is None."""
+    steps = (*_along_parabolas(A, b, dt), lacking)
+    if middle is None:
+        return by_pieces(_along_lines, signal, first, *steps), None
+    return by_pieces(_following_run, np.column_stack([signal, middle]), first, *steps).T
+
+
+def _along_lines(values, half, full, lacking):
+    middle = np.append(0.5 * (values[:-1] + values[1:]), values[-1])
+    return _following_run(np.column_stack([values, middle]), half, full, lacking)[:, 0]
+
+
+def _lag_curved(signal, middle, dt, theta, first):
+    pace = 1.0 / max(theta[0], SHORT * dt)
+    return _following(signal, middle, first, np.array([[-pace]]), np.array([pace]), dt, theta[1])
+
+
 def _lag_transform(signal, second, dt, theta, first):
-    ratio = dt / max(theta[0], 1e-12 * dt)
-    return by_pieces(_lag_run, signal, first, np.exp(-ratio), 1.0 + np.expm1(-ratio) / ratio, theta[1])
+    return _lag_curved(signal, None, dt, theta, first)[0]
 
 
 def _lag_held(signal, dt, theta, first):
     """Follow each value of a held signal exponentially."""
-    ratio = dt / max(theta[0], 1e-12 * dt)
-    behind = by_pieces(_lag_run, signal, first, np.exp(-ratio), 0.0, theta[1]) - signal
+    ratio = dt / max(theta[0], SHORT * dt)
+    behind = by_pieces(_held_lag_run, signal, first, np.exp(-ratio), theta[1]) - signal
     mean = -np.expm1(-ratio) / ratio
     # first moment of the decay about the middle of the step, as a series where it would cancel
     series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))
@@ -105,34 +193,17 @@ def _extra_mode(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * z[0]
 
 
-@kernel
-def _mode_run(values, A, before, now):
-    """Return the first state of a linear system of two along values, at rest on the first of them."""
-    out = np.empty(values.size)
-    p = values[0]
-    v = 0.0
-    out[0] = p
-    for k in range(1, values.size):
-        moved = A[0, 0] * p + A[0, 1] * v + before[0] * values[k - 1] + now[0] * values[k]
-        v = A[1, 0] * p + A[1, 1] * v + before[1] * values[k - 1] + now[1] * values[k]
-        p = moved
-        out[k] = p
-    return out
-
-
-def _mode_matrices(w: float, zeta: float, dt: float):
-    """Return the sampled mode of unit static gain, exact where the signal is straight between samples."""
-    M = np.zeros((4, 4))
-    M[0, 1] = dt
-    M[1, :3] = np.array([-w * w, -2 * zeta * w, w * w]) * dt
-    M[2, 3] = 1.0
-    E = expm(M)
-    return np.ascontiguousarray(E[:2, :2]), E[:2, 2] - E[:2, 3], E[:2, 3].copy()
+def _extra_mode_curved(signal, middle, dt, theta, first):
+    w, zeta = min(theta[1], np.pi / dt), theta[2]  # what is faster than the sampling cannot be told from it
+    A, b = np.array([[0.0, 1.0], [-w * w, -2 * zeta * w]]), np.array([0.0, w * w])
+    swung, then = _following(signal, middle, first, A, b, dt, 0.0)
+    return signal + theta[0] * (swung - signal), None if middle is None else middle + theta[0] * (
+        then - middle
+    )
 
 
 def _extra_mode_transform(signal, second, dt, theta, first):
-    w, zeta = min(theta[1], np.pi / dt), theta[2]  # what is faster than the sampling cannot be told from it
-    return signal + theta[0] * (by_pieces(_mode_run, signal, first, *_mode_matrices(w, zeta, dt)) - signal)
+    return _extra_mode_curved(signal, None, dt, theta, first)[0]
 
 
 def _extra_mode_starts(setting: Setting) -> np.ndarray:
@@ -164,6 +235,7 @@ DYNAMICS = (
         starts=_delay_starts,
         transform=_delay_transform,
         held=_delay_held,
+        curved=_delay_curved,
         amplitude=None,
         lookalikes=("lag", "backlash", "rate_limit"),
         separate_by="a wideband signal: the phase falls in proportion to frequency",
@@ -180,6 +252,7 @@ DYNAMICS = (
         starts=_lag_starts,
         transform=_lag_transform,
         held=_lag_held,
+        curved=_lag_curved,
         amplitude=None,
         lookalikes=("delay", "rate_limit", "extra_mode", "creep"),
         separate_by="a wideband signal: the gain rolls off",
@@ -200,6 +273,7 @@ DYNAMICS = (
         starts=_extra_mode_starts,
         force=_extra_mode,
         transform=_extra_mode_transform,
+        curved=_extra_mode_curved,
         input_port=False,
         argument="position",
         second="feed",

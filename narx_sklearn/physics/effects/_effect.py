@@ -80,6 +80,9 @@ class Effect:
         The same for an input that is held from sample to sample, where it then changes between samples:
         ``held(signal, dt, theta, first) -> (mean, rise)``, its mean over each step, and by how much the
         straight line closest to it rises.
+    curved : callable, optional
+        The same for an output that is known in the middle of each step too:
+        ``curved(signal, middle, dt, theta, first) -> (signal, middle)``, of parabolas from sample to sample.
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
@@ -152,6 +155,7 @@ class Effect:
     force: Any = None
     transform: Any = None
     held: Any = None
+    curved: Any = None
     input_port: bool = True
     output_port: bool = True
     argument: str = "own"

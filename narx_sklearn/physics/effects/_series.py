@@ -9,13 +9,14 @@ import numpy as np
 def by_pieces(run: Callable, signal: np.ndarray, first: np.ndarray, *arguments) -> np.ndarray:
     """Apply ``run(values, *arguments) -> values`` to each piece of the signal that begins anew.
 
-    ``run`` sees finite samples only: its memory waits where a sample is missing, which stays missing.
+    ``run`` sees finite samples only: its memory waits where a sample is missing, which stays missing. Several
+    signals may go along, shape (n_samples, n_signals).
     """
     out = np.array(signal, dtype=float)
-    edges = np.unique(np.concatenate([[0], np.asarray(first, dtype=np.int64), [out.size]]))
+    edges = np.unique(np.concatenate([[0], np.asarray(first, dtype=np.int64), [len(out)]]))
     for a, b in pairwise(edges):
         piece = out[a:b]
-        good = np.isfinite(piece)
+        good = np.isfinite(piece if piece.ndim == 1 else piece.sum(axis=1))
         if good.all():
             piece[:] = run(piece.copy(), *arguments)
         elif good.any():
