@@ -194,6 +194,20 @@ class TestFit:
         assert sparse.n_seen == np.isfinite(y).sum()
         np.testing.assert_allclose(fit(sparse, model).model.p, [1.1, 0.7, 11.0], rtol=0.03)
 
+    @pytest.mark.parametrize("seed", [1, 3])
+    def test_windows_that_begin_far_off_and_at_rest_find_their_states(self, seed):
+        """Where friction holds a body, a small push tells nothing of a large one."""
+        rubbing = ODESimulator(cart, parameters={"gain": 2.0, "damping": 1.0}, **ABOUT)
+        friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.5,))
+        rng = np.random.default_rng(seed)
+        u = held_levels(rng, 1000, hold=25, size=2.0)
+        y = rubbing.with_effects([friction]).simulate(u) + 0.01 * rng.normal(size=(1000, 1))
+        windows = cut([(slice(0, 1000), 0)], 250, 8)
+        problem = Problem(rubbing, u, y, windows, Noise.white(np.array([0.01])))
+        found = fit(problem, Model(rubbing.nominal, (friction,), np.zeros((windows.count, 2))))
+        assert found.cost < 1.1 * problem.n_seen
+        np.testing.assert_allclose(found.model.effects[0].theta, 0.5, rtol=0.01)
+
 
 class TestNoise:
     @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])

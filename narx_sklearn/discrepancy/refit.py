@@ -153,12 +153,13 @@ def fit(
             x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
             trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
             if attempt >= GIVE_UP and not trial.cost < cost:
-                # where friction holds or turns about, a state's sensitivity says little of a whole step
+                # where friction holds or turns about, a state's sensitivity says little of a whole step, and
+                # none is longer than the motion goes
                 for share in SHARES:
                     worse = ~(_by_window(trial.residual) <= _by_window(residual) - least)
                     if not worse.any():
                         break
-                    moved = model.x0 + share * (x0 - model.x0)
+                    moved = model.x0 + share * np.clip(x0 - model.x0, -x_steps / SMALL, x_steps / SMALL)
                     moved = np.where(worse[:, None], moved, trial.model.x0)
                     trial = _attempt(problem, trial.model._replace(x0=moved))
             if trial.cost < cost:
