@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.experiment import BEYOND_DOUBT, _settled, design_experiment, middle_of
+from narx_sklearn.discrepancy.experiment import PACES, _settled, chance, design_experiment, middle_of
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.nested import ALLOWED, farthest_allowed
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit, fit_states
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
 
 
 def tank(power):
@@ -52,7 +60,7 @@ def test_designs_are_as_fast_as_the_machine_is_about_the_middle_of_the_input():
     )
     tops = [float(words.split()[3]) for words in plan.table["design"] if words.startswith("multisine up")]
     corner = 0.4 / (2 * 2.0) / (2 * np.pi)  # k / (2 sqrt(4 m)), about 4 V
-    assert max(tops) == pytest.approx(10 * corner, rel=0.01)
+    assert max(tops) == pytest.approx(PACES[-1] * corner, rel=0.01)
     assert np.all(np.abs(plan.u - 4.0) <= 1.0 + 1e-9)
     assert plan.separation > 10
 
@@ -62,7 +70,7 @@ def test_beyond_doubt_the_input_that_tells_most_of_everything_is_proposed():
     noise = Noise.white(np.array([1e-3]))
     rivals = {"root": tank(0.5), "linear": tank(1.0)}
     plan = design_experiment(rivals, noise=noise, amplitude=3.0, n_samples=1000, offset=4.0)
-    certain = plan.table[plan.table["separation"] > BEYOND_DOUBT]
+    certain = plan.table[plan.table["chance"] > 0.995]
     assert len(certain) > 1
     chosen = plan.table.set_index("design").loc[plan.kind]
     assert chosen["information"] == certain["information"].max()
@@ -72,3 +80,57 @@ def test_beyond_doubt_the_input_that_tells_most_of_everything_is_proposed():
 def test_the_middle_of_an_input_is_zero_where_it_was_meant_to_be():
     u = np.array([[-1.0, 2.0], [1.1, 8.0], [np.nan, np.nan]])
     assert middle_of(u).tolist() == [0.0, 5.0]
+
+
+@pytest.mark.parametrize(("separation", "expected"), [(0.0, 0.0), (2.0, 0.5), (4.0, 0.93319), (np.inf, 1.0)])
+def test_a_pair_is_told_apart_where_the_criterion_comes_to_differ_by_four(separation, expected):
+    """Its difference is normal about d^2 with a deviation of 2 d: at d = 4 it is 1.5 of them above four."""
+    assert chance(separation) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.normal(0.0, 2.0, 40), 25)[:, None]
+    at = Port("state", 1), (0.0, 1.0)
+    plain = PlacedEffect(CATALOGUE["coulomb_friction"], *at, theta=(0.5,))
+    by_direction = PlacedEffect(CATALOGUE["asymmetric_friction"], *at, theta=(0.5, 0.0))
+    y = cart().with_effects([plain]).simulate(u) + 0.01 * rng.normal(size=(1000, 1))
+    windows = cut([(slice(0, 1000), 0)], 250, 8)
+    problem = Problem(cart(), u, y, windows, Noise.white(np.array([0.01])))
+    x0 = cart().run(u, windows, np.zeros((windows.count, 2))).x[windows.first]
+    fits = [fit(problem, Model(cart().nominal, (effect,), x0)) for effect in (plain, by_direction)]
+    return problem, *(Candidate(found, problem.n_seen) for found in fits)
+
+
+class TestNestedRivals:
+    """A friction that may differ by direction, fitted where it does not, is the plain friction itself."""
+
+    @pytest.mark.filterwarnings("ignore:.*compile")
+    def test_the_general_one_goes_as_far_as_the_data_allow(self, fitted):
+        problem, special, general = fitted
+        moved = farthest_allowed(problem, general, special)
+        before, after = general.effects[0].theta, moved.effects[0].theta
+        error = np.sqrt(covariance(problem, general.fit)[-1, -1])
+        assert abs(after[1] - before[1]) == pytest.approx(ALLOWED * error, rel=1e-6)
+        cost = fit_states(problem, moved).cost
+        assert general.fit.cost < cost <= general.fit.cost + (2 * ALLOWED) ** 2
+        ahead = Candidate(special.fit._replace(cost=special.fit.cost + 5.0), special.n_samples)
+        assert farthest_allowed(problem, general, ahead) is general.fit.model
+
+    @pytest.mark.filterwarnings("ignore:.*compile")
+    def test_only_what_the_special_one_cannot_do_counts(self, fitted):
+        problem, special, general = fitted
+        models = {"plain": special.fit.model, "by direction": farthest_allowed(problem, general, special)}
+        rivals = {
+            name: cart().with_parameters(model.p).with_effects(model.effects)
+            for name, model in models.items()
+        }
+        about = {"noise": problem.noise, "amplitude": 4.0, "n_samples": 1500, "random_state": 0}
+        both_ways = design_experiment(rivals, **about)
+        nested = design_experiment(rivals, **about, nested={("by direction", "plain")}, n_jobs=2)
+        assert both_ways.separation < 0.5
+        assert nested.separation > ALLOWED
+        assert nested.pairs == ("plain / by direction",)
+        mutual = {("by direction", "plain"), ("plain", "by direction")}
+        assert design_experiment(rivals, **about, nested=mutual).separation == both_ways.separation

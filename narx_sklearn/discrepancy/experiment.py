@@ -1,13 +1,16 @@
 """Which input would separate what these data cannot: the next experiment, and how alike effects look."""
 
+from collections.abc import Collection
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 from scipy.stats import norm
 
 from narx_sklearn.discrepancy.bank import effect_column
+from narx_sklearn.discrepancy.explain import HARDLY
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -17,9 +20,10 @@ from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace, followed_for
 from narx_sklearn.signals import loading_unloading, multisine
 
+PACES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of designs, times the simulator's
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
-BEYOND_DOUBT = 12.0  # standard deviations of the noise, above which more separation is worth nothing
+AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
 LOST = 5.0  # times as long as a run follows an unstable machine, after which it is far from anything
 
@@ -61,13 +65,16 @@ def design_experiment(
     rate: float | None = None,
     column: int = 0,
     held: np.ndarray | None = None,
+    nested: Collection[tuple[str, str]] = (),
     random_state=None,
+    n_jobs: int | None = None,
 ) -> Experiment:
     """Return the input that best separates rival simulators.
 
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
-    refitted to the other's output (to first order), over the noise; the design with the largest distance of
-    its worst pair wins. Among designs that separate beyond any doubt it is the one that tells most of all
+    refitted to the other's output (to first order), over the noise. What holds its rival as a special case
+    can do all that this one does, so there only the other way counts. The design wins that tells most pairs
+    apart, each counted with its chance. Among designs that are as good it is the one that tells most of all
     parameters (the determinant of their information is largest), for the truth may be none of the rivals.
 
     Parameters
@@ -85,6 +92,10 @@ def design_experiment(
         Largest change of the input in one second.
     column : int, default=0
         The input that is moved; the others stay at ``held`` (zero).
+    nested : collection of (str, str)
+        Which of the rivals holds which as a special case.
+    n_jobs : int, optional
+        Threads in which designs are tried.
     """
     if len(simulators) < 2:
         raise ValueError(f"At least two rivals are needed, got {list(simulators)}.")
@@ -92,42 +103,48 @@ def design_experiment(
         raise ValueError(f"amplitude must be positive, got {amplitude!r}.")
     some = next(iter(simulators.values()))
     base = np.zeros(len(some.inputs)) if held is None else np.array(held, dtype=float)
-    rows, best = [], None
     base[column] = offset
     starts = {name: _settled(simulator, base, n_samples) for name, simulator in simulators.items()}
-    for kind, shape in _designs(some, starts[next(iter(simulators))], base, n_samples, random_state):
-        signal = _limited(amplitude * shape, rate, some.dt) + offset
+
+    def tried(kind: str, shape: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
         u = np.tile(base, (n_samples, 1))
-        u[:, column] = signal
+        u[:, column] = _limited(amplitude * shape, rate, some.dt) + offset
         distances, told = {}, 0.0
         for a, b in combinations(simulators, 2):
-            there = _distance(simulators[a], simulators[b], u, starts[a], noise)
-            back = _distance(simulators[b], simulators[a], u, starts[b], noise)
-            distances[f"{a} / {b}"] = min(there.noises, back.noises)
-            told += there.information + back.information
+            ways = [
+                _distance(simulators[truth], simulators[rival], u, starts[truth], noise)
+                for truth, rival in ((a, b), (b, a))
+                if (rival, truth) not in nested or (truth, rival) in nested
+            ]
+            distances[f"{a} / {b}"] = min(way.noises for way in ways)
+            told += sum(way.information for way in ways)
         worst = min(distances.values())
-        rows.append(
-            {"design": kind, "separation": worst, "chance": chance(worst), "information": told, **distances}
-        )
-        worth = (min(worst, BEYOND_DOUBT), told)
-        if best is None or worth > best[0]:
-            best = (worth, worst, kind, u)
-    table = pd.DataFrame(rows).sort_values("separation", ascending=False, ignore_index=True)
-    if best is None:
+        facts = {"design": kind, "separation": worst, "chance": chance(worst), "information": told}
+        return u, facts | distances
+
+    designs = _designs(some, starts[next(iter(simulators))], base, n_samples, random_state)
+    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(tried)(*design) for design in designs)
+    if not found:
         raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
-    worth, worst, kind, u = best
+    table = pd.DataFrame([facts for _, facts in found])
+    pairs = tuple(table.columns[4:])
+    told_apart = table[list(pairs)].map(chance).sum(axis=1).round(AS_GOOD)
+    chosen = max(table.index, key=lambda k: (told_apart[k], table["information"][k]))
+    lost = not table[list(pairs)].to_numpy().any()
+    u, facts = found[chosen]
     with np.errstate(all="ignore"):
         paces = [
             find_pace(simulator, starts[name][None], base[None]) for name, simulator in simulators.items()
         ]
     reach = followed_for(some, max(paces, key=lambda pace: pace.growth))
-    if worth == (0.0, -np.inf) or n_samples > LOST * reach:
+    if lost or n_samples > LOST * reach:
         raise ValueError(
             f"In {n_samples} samples a simulation is lost: no input alone drives an unstable machine. Put "
             "its controller into the simulator, so that the reference is the input; or a smaller amplitude, "
             "an offset at which it rests, or fewer samples."
         )
-    return Experiment(u, kind, float(worst), chance(worst), table, tuple(distances))
+    table = table.sort_values("separation", ascending=False, ignore_index=True)
+    return Experiment(u, facts["design"], float(facts["separation"]), facts["chance"], table, pairs)
 
 
 def middle_of(u: np.ndarray) -> np.ndarray:
@@ -138,8 +155,12 @@ def middle_of(u: np.ndarray) -> np.ndarray:
 
 
 def chance(separation: float) -> float:
-    """Return the chance that two rivals at this distance are told apart at the 5 % level."""
-    return float(norm.cdf(separation / 2 - norm.ppf(0.95) / 2)) if np.isfinite(separation) else 1.0
+    """Return the chance that the wrong one of two rivals at a distance d is then excluded.
+
+    The criterion's difference is normal about d^2 with a deviation of 2 d, and must exceed ``HARDLY``.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(norm.cdf(np.divide(separation, 2.0) - np.divide(HARDLY, 2.0 * separation)))
 
 
 def _settled(simulator: Simulator, u: np.ndarray, n: int) -> np.ndarray:
@@ -162,19 +183,19 @@ def _designs(simulator: Simulator, x: np.ndarray, u: np.ndarray, n: int, random_
         constant = find_pace(simulator, x[None], u[None]).time_constant
     corner = 1 / (2 * np.pi * constant) if constant > 0 else 20 / (n * dt)
     ladder = np.repeat([0.1, 0.25, 0.5, 1.0], -(-n // 4))[:n]
-    for factor in (0.3, 1.0, 3.0, 10.0):
-        top = min(factor * corner, 0.4 / dt)
-        low = 2 / (n * dt)
-        if top <= 1.5 * low:
-            continue
+    low = 2 / (n * dt)
+    tops = np.unique(np.minimum(np.array(PACES) * corner, 0.4 / dt))
+    for top in tops[tops > 1.5 * low]:
         wave = multisine(n, dt, band=(low, top), random_state=int(rng.integers(2**31)))
         wave = wave / np.max(np.abs(wave))
         yield f"multisine up to {top:.3g} Hz", wave
         yield f"multisine up to {top:.3g} Hz, amplitude in four steps", wave * ladder
         hold = max(2, int(0.25 / (top * dt)))
         steps = np.repeat(rng.uniform(-1, 1, -(-n // hold)), hold)[:n]
+        jumps = np.repeat(rng.choice([-1.0, 1.0], -(-n // hold)), hold)[:n]
         yield f"random steps held {hold * dt:.3g} s", steps
         yield f"random steps held {hold * dt:.3g} s, amplitude in four steps", steps * ladder
+        yield f"random jumps between two levels, held {hold * dt:.3g} s", jumps
         sine = np.sin(2 * np.pi * top / 3 * dt * np.arange(n))
         yield f"sine of {top / 3:.3g} Hz, amplitude in four steps", sine * ladder
     for turns in (4, 12):

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from itertools import permutations
 from numbers import Integral
 
 import numpy as np
@@ -21,9 +22,12 @@ from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import UNEXPLAINED, Diagnosis, begin, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
+from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.location import locate
+from narx_sklearn.discrepancy.lookalikes import is_special_case
+from narx_sklearn.discrepancy.nested import farthest_allowed
 from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.record import read_inputs, read_record
 from narx_sklearn.discrepancy.regressors import effect_regressors
@@ -309,7 +313,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def next_experiment(self, amplitude, n_samples, between=None, *, offset=None, rate=None, column=0):
         """Design the input that best separates what these data could not tell apart.
 
-        What acted for a while is taken to act throughout the experiment.
+        What acted for a while is taken to act throughout the experiment. An explanation whose fit came down
+        to another's, its special case, is taken as far from it as these data allow.
 
         Parameters
         ----------
@@ -339,12 +344,17 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             If fewer than two explanations are at hand, or no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
-        rivals = self._rivals(between)
+        chosen = self._rivals(between)
+        nested = {
+            (general, special)
+            for general, special in permutations(chosen, 2)
+            if is_special_case(chosen[special], chosen[general])
+        }
         held = self._mean_input.copy()
         if offset is None:
             offset = self._middle_input[column]
         return design_experiment(
-            rivals,
+            self._far_apart(chosen, nested),
             noise=self._diagnosis.problem.noise,
             amplitude=amplitude,
             n_samples=n_samples,
@@ -352,7 +362,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             rate=rate,
             column=column,
             held=held,
+            nested=nested,
             random_state=self.random_state,
+            n_jobs=self.n_jobs,
         )
 
     def to_narx(self, X, **settings):
@@ -395,9 +407,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             known["phi"] = effect_regressors(lasting)
         return NARXRegressor(**known).fit(u, y[:, 0] if y.shape[1] == 1 else y).model_
 
-    def _rivals(self, between) -> dict:
-        """Return rival simulators by name."""
-        base = self._diagnosis.problem.simulator
+    def _rivals(self, between) -> dict[str, Candidate]:
+        """Return rival explanations by name."""
         pool = [self._diagnosis.best, *(c for rivals in self._diagnosis.alternatives for c in rivals)]
         tried = [c for step in self._diagnosis.steps for c in step.candidates]
         wanted = min(max(len(pool), 2), MOST_RIVALS)
@@ -413,19 +424,29 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 pool.append(min(having, key=lambda c: c.criterion))
         if between is None:
             pool = [*pool, *sorted(tried, key=lambda c: c.criterion)]
-        rivals: dict[str, Simulator] = {}
+        chosen: dict[str, Candidate] = {}
         for candidate in pool:
-            name = in_short(candidate.effects) or "nothing"
-            model = candidate.fit.model
-            effects = [effect.always() for effect in model.effects]
-            rivals.setdefault(name, base.with_parameters(model.p).with_effects(effects))
-            if len(rivals) == (MOST_RIVALS if between else wanted):
+            chosen.setdefault(in_short(candidate.effects) or "nothing", candidate)
+            if len(chosen) == (MOST_RIVALS if between else wanted):
                 break
-        if len(rivals) < 2:
+        if len(chosen) < 2:
             raise ValueError(
                 "There is only one explanation, so no experiment is needed to separate it from others. Pass "
                 "between=[...] with two codes, or see confusability() for a design before any data."
             )
+        return chosen
+
+    def _far_apart(self, chosen: dict[str, Candidate], nested: set[tuple[str, str]]) -> dict[str, Simulator]:
+        """Return rival simulators, each as far from its likeliest special case as the data allow."""
+        problem = self._diagnosis.problem
+        rivals = {}
+        for name, candidate in chosen.items():
+            model = candidate.fit.model
+            held = [chosen[special] for general, special in nested if general == name]
+            if held:
+                model = farthest_allowed(problem, candidate, min(held, key=lambda c: c.criterion))
+            effects = [effect.always() for effect in model.effects]
+            rivals[name] = problem.simulator.with_parameters(model.p).with_effects(effects)
         return rivals
 
     # -- parts of fit ------------------------------------------------------------------------------------

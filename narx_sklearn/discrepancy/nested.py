@@ -1,0 +1,43 @@
+"""Explanations that hold another one as a special case: how far from it the data let them be."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import all_bounds, fit_states
+
+ALLOWED = 2.0  # standard deviations that a parameter may be off its fitted value
+HALVINGS = 6  # of a move that changes the run more than its tangent says
+
+
+def farthest_allowed(problem: Problem, general: Candidate, special: Candidate) -> Model:
+    """Return an explanation as far from its special case as the data allow, where its fit came down to that.
+
+    Two fits that are one and the same tell nothing of what could separate their explanations. Every parameter
+    of the effects is moved by its standard deviations, all others going along to first order; the move that
+    the special case can follow least is made.
+    """
+    found = general.fit
+    model, own = found.model, found.model.p.size
+    if found.cost < special.fit.cost - ALLOWED**2 or model.q.size == own:
+        return model
+    spread = covariance(problem, found)
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    begins = [k == e.effect.begin for e in model.effects for k in range(e.n_theta)]
+    movable = own + np.flatnonzero((deviation[own:] > 0) & ~np.array(begins, dtype=bool))
+    if not movable.size:
+        return model
+    bounds = all_bounds(problem, model)
+    moves = ALLOWED * spread[:, movable] / deviation[movable]
+    moves = np.concatenate([moves, -moves], axis=1)
+    moves = np.clip(model.q[:, None] + moves, bounds[:, :1], bounds[:, 1:]) - model.q[:, None]
+    not_followed = np.linalg.norm(out_of(special.fit.jacobian, found.jacobian @ moves), axis=(0, 1))
+    move = moves[:, np.argmax(not_followed)]
+    for _ in range(HALVINGS):
+        moved = fit_states(problem, model.with_q(model.q + move))
+        if moved.cost <= found.cost + (2 * ALLOWED) ** 2:
+            return moved.model
+        move = move / 2
+    return model
