@@ -208,6 +208,21 @@ class TestFit:
         assert found.cost < 1.1 * problem.n_seen
         np.testing.assert_allclose(found.model.effects[0].theta, 0.5, rtol=0.01)
 
+    @pytest.mark.parametrize("seed", [0, 1, 2])
+    def test_a_parameter_that_is_hardly_felt_keeps_no_other_from_being_fitted(self, seed):
+        """How far a fast drive lacks its first command is over within one of two thousand samples."""
+        driven = ODESimulator(cart, parameters={"gain": 2.0, "damping": 1.0}, **ABOUT)
+        limit = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(300.0, 0.0))
+        rng = np.random.default_rng(seed)
+        u = 1.0 + rng.normal(size=(2000, 1))
+        true = driven.with_effects([limit])
+        run = true.run(u, Windows.whole([slice(0, 2000)]), np.zeros((1, 2)))
+        windows = cut([(slice(0, 2000), 0)], 500, 8)
+        y = run.y + 1e-5 * rng.normal(size=(2000, 1))
+        problem = Problem(driven, u, y, windows, Noise.white(np.array([1e-5])))
+        start = Model(driven.nominal, (limit.at((180.0, 0.0)),), run.x[windows.first])
+        assert fit(problem, start).model.effects[0].theta[0] == pytest.approx(300.0, rel=0.05)
+
 
 class TestNoise:
     @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])

@@ -105,6 +105,10 @@ def fit(
     free = np.ones(n_q, dtype=bool) if free is None else free
     scale_q = np.where(q != 0, np.abs(q), 1.0)
     chosen = np.flatnonzero(problem.simulator.free_states)
+    # over its range a parameter counts for one noise deviation at least: what is hardly felt jumps no further
+    least_felt = np.divide(
+        1.0, bounds[:, 1] - bounds[:, 0], out=np.zeros(n_q), where=bounds[:, 1] > bounds[:, 0]
+    )
     # through a coarse sensor each window could choose among states that differ in rounding alone
     least = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
     damping, converged = 1e-3, False
@@ -140,7 +144,7 @@ def fit(
                 damping = 1e-3
             move = np.zeros(n_q)
             if index.size:
-                size = np.sqrt(diagonal[index])
+                size = np.maximum(np.sqrt(diagonal), least_felt)[index]
                 normal = hessian[np.ix_(index, index)] / np.outer(size, size)
                 normal[np.diag_indices_from(normal)] += damping
                 move[index] = np.linalg.solve(normal, gradient[index] / size) / size
