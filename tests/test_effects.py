@@ -1080,6 +1080,16 @@ class TestStarts:
         found, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         np.testing.assert_array_equal(transformed("stuck_sensor", signal, found[0]), shown)
 
+    def test_a_short_hold_is_found_though_all_but_its_end_shows_little(self):
+        """Eight samples, of which the last three are a hundred times the noise off and the others a few."""
+        noise = 0.01 * np.random.default_rng(4).normal(size=1000)
+        away = [0.0, 0.05, 0.1, 0.12, 0.1, 0.8, 1.7, 2.6]
+        before, after = 0.3 * np.sin(0.02 * np.arange(500)), 2.6 + np.sin(0.02 * np.arange(492))
+        signal = np.concatenate([before, before[-1] + away, before[-1] + after])
+        shown = np.concatenate([signal[:500], np.full(8, signal[500]), signal[508:]]) + noise
+        rows, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
+        assert np.min(np.abs(rows[:, 0] - 500 * DT)) < 1.5 * DT
+
     def test_a_stuck_sensor_is_found_under_noise(self):
         signal = wideband()
         noise = 0.05 * np.std(signal) * np.random.default_rng(3).standard_normal(signal.size)

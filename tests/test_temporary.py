@@ -170,7 +170,7 @@ def test_models_and_experiments_take_what_lasts(found):
     assert not model.phi
     error = free_run(model, u, plain[:2]).y[10:, 0] - plain[10:, 0]
     assert np.std(error) < 0.02 * np.std(plain)
-    rivals = found._rivals(["coulomb_friction", "viscous_damping"])
+    rivals = found._far_apart(found._rivals(["coulomb_friction", "viscous_damping"]), nested=set())
     assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
 
 

@@ -1,6 +1,7 @@
 """A sensor that does not show what there is: coarse, or stuck."""
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
@@ -9,7 +10,7 @@ from narx_sklearn.physics.effects._starts import grid, spread, telling
 
 SHORTEST_HOLD = 4  # samples that a sensor is stuck
 SPIKE = 2  # samples that may all be one
-LASTING = 0.2  # of what a hold explains, that others must
+LASTING = 0.2  # of what a hold explains, that others must, where they are not many times the noise
 SETTLED = 5  # rounds in which both ends of a stretch are settled, at most
 BEST = 3  # of the values scanned that are kept
 LEVELS = 2**16  # on which a signal's values are gathered; steps of less than eight of them are not looked for
@@ -114,6 +115,7 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
         return missed[end] - missed[begin] - missed_held
 
     found, tried = [], 0
+    noise = median_abs_deviation(residual, scale="normal")
     size = SHORTEST_HOLD
     while size < n // 2:
         begin = np.arange(n - size)
@@ -129,15 +131,19 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
             start, stop, more = _settled(gains, first_held, after, n)
             tried += more
             missed_there = measured[start:stop] - simulated[start]
-            if not _lasts(residual[start:stop] ** 2 - missed_there**2):
+            if not _lasts(residual[start:stop] ** 2 - missed_there**2, 2.0 * np.log(n) * noise**2):
                 continue
             rows.append((float(setting.time[start]), (stop - start - 0.5) * setting.dt))
     return telling(setting, np.array(rows).reshape(-1, 2), _stuck_transform), tried
 
 
-def _lasts(gain: np.ndarray) -> bool:
-    """Tell whether more than a few samples gain: one that stands alone is a spike."""
-    return float(np.sort(gain)[:-SPIKE].sum()) > LASTING * float(gain.sum())
+def _lasts(gain: np.ndarray, by_chance: float) -> bool:
+    """Tell whether more than a few samples gain: one that stands alone is a spike.
+
+    Where a signal turns fast at the end of a hold, most is gained there, but so is more than noise elsewhere.
+    """
+    others = float(np.sort(gain)[:-SPIKE].sum())
+    return others > min(LASTING * float(gain.sum()), by_chance)
 
 
 def _settled(gains, begin: int, end: int, n: int) -> tuple[int, int, int]:
