@@ -103,7 +103,7 @@ def _following_run(curve, half, full, lacking):
     """
     n = half.shape[0]
     out = np.empty(curve.shape)
-    now = np.zeros(n + 3)
+    now, moved = np.zeros(n + 3), np.empty(n)
     now[0] = curve[0, 0] * (1.0 - lacking)
     for k in range(len(curve)):
         now[n] = curve[k, 0]
@@ -111,10 +111,9 @@ def _following_run(curve, half, full, lacking):
         now[n + 2] = curve[min(k + 1, len(curve) - 1), 0]
         out[k, 0] = now[0]
         out[k, 1] = _row_times(half, 0, now)
-        if n == 1:
-            now[0] = _row_times(full, 0, now)
-        else:
-            now[0], now[1] = _row_times(full, 0, now), _row_times(full, 1, now)
+        for i in range(n):
+            moved[i] = _row_times(full, i, now)
+        now[:n] = moved
     return out
 
 
@@ -197,9 +196,9 @@ def _extra_mode_curved(signal, middle, dt, theta, first):
     w, zeta = min(theta[1], np.pi / dt), theta[2]  # what is faster than the sampling cannot be told from it
     A, b = np.array([[0.0, 1.0], [-w * w, -2 * zeta * w]]), np.array([0.0, w * w])
     swung, then = _following(signal, middle, first, A, b, dt, 0.0)
-    return signal + theta[0] * (swung - signal), None if middle is None else middle + theta[0] * (
-        then - middle
-    )
+    if middle is not None:
+        then = middle + theta[0] * (then - middle)
+    return signal + theta[0] * (swung - signal), then
 
 
 def _extra_mode_transform(signal, second, dt, theta, first):
