@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driven_axis import make_axis
+from scipy.stats import chi2
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, explain, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
@@ -111,18 +112,23 @@ class TestChanceOfNoise:
         assert chance_of_noise(0.0, 1, 1) == 1.0
         assert chance_of_noise(30.0, 1, 1, 2) == pytest.approx(np.exp(-15.0), rel=1e-9)
 
-    def asked(self, monkeypatch, deviances, alpha=0.01):
-        """Return the p-value and the codes that stay, of three effects in order of the criterion."""
+    THREE = (
+        PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(0.1, 1.0, 0.0, 0.0)),
+        PlacedEffect(CATALOGUE["quadratic_drag"], Port("state", 1), (0.0, 1.0), theta=(0.1,)),
+        PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(0.1,)),
+    )
+
+    def asked(self, monkeypatch, deviances, alpha=0.01, effects=THREE):
+        """Return the p-value and the codes that stay, of some effects in order of the criterion.
+
+        Deviances are by code, or by code and whether the noise may drift.
+        """
         problem, start = axis_problem([friction(0.3)], n=300)
         base = Candidate(fit(problem, start), problem.n_seen)
         found = []
-        for rank, (code, weights) in enumerate(
-            {"cogging": (1.0, 0.0), "quadratic_drag": (0.0, 1.0), "cubic_stiffness": (1.0, 0.0)}.items()
-        ):
-            theta = (0.1, 1.0, 0.0, 0.0) if code == "cogging" else (0.1,)
-            effects = (PlacedEffect(CATALOGUE[code], Port("state", 1), weights, theta=theta),)
+        for rank, effect in enumerate(effects):
             cost = base.fit.cost * np.exp(0.5 * rank - 2.0)
-            model = base.fit.model._replace(effects=effects)
+            model = base.fit.model._replace(effects=(effect,))
             jacobian = np.zeros((*base.fit.residual.shape, model.q.size))
             found.append(Candidate(base.fit._replace(cost=cost, model=model, jacobian=jacobian), 300))
         none = np.zeros(1, dtype=bool)
@@ -131,7 +137,10 @@ class TestChanceOfNoise:
         bank = make_bank(problem, base.fit, hypotheses)
 
         def given(problem, model, may_drift):
-            return deviances[model.effects[-1].effect.code] if model.effects else 0.0
+            if not model.effects:
+                return 0.0
+            code = model.effects[-1].effect.code
+            return deviances[code] if code in deviances else deviances[code, may_drift]
 
         monkeypatch.setattr(explain, "deviance", given)
         certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
@@ -155,6 +164,20 @@ class TestChanceOfNoise:
         p, stays = self.asked(monkeypatch, {"cogging": -5.0, "quadratic_drag": 0.0, "cubic_stiffness": -3.0})
         assert p > 0.05
         assert stays == ["cogging", "quadratic_drag", "cubic_stiffness"]
+
+    def test_that_an_offset_is_no_drift_of_the_noise_is_asked_of_it_alone(self, monkeypatch):
+        offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+        # beside it stand many hypotheses, which what says that anything is slowly off has paid
+        asked = [offset, *self.THREE]
+        rest = {e.effect.code: 10.0 for e in self.THREE}
+        p, _ = self.asked(
+            monkeypatch, rest | {("sensor_bias", False): -60.0, ("sensor_bias", True): -12.0}, effects=asked
+        )
+        assert p == pytest.approx(2 * chi2.sf(12.0, 1), rel=1e-9)
+        p, _ = self.asked(
+            monkeypatch, rest | {("sensor_bias", False): -12.0, ("sensor_bias", True): -60.0}, effects=asked
+        )
+        assert p > 1.2 * 2 * chi2.sf(12.0, 1)
 
     def test_a_drift_that_is_no_better_than_an_offset_is_held_against_drifting_noise_too(self):
         drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), (), theta=(1.0, 0.0, 0.0, 0.0))

@@ -1106,6 +1106,19 @@ class TestStarts:
         found, _ = CATALOGUE["sensor_clip"].scan(setting_of(signal), residual)
         np.testing.assert_allclose(found[2][1], level, atol=0.05 * np.std(signal))
 
+    def test_a_clip_is_found_that_takes_less_than_a_thousandth_of_the_signal(self):
+        signal = wideband()
+        level = signal.max() - 0.007 * np.std(signal)
+        residual = np.minimum(signal, level) - signal
+        assert np.sqrt(np.mean(residual**2)) < 1e-3 * np.std(signal)
+        found, _ = CATALOGUE["sensor_clip"].scan(setting_of(signal), residual)
+        assert any(low < signal.min() and abs(high - level) < 0.02 * np.std(signal) for low, high in found)
+
+    def test_a_rim_that_the_level_seldom_reaches_has_a_start(self):
+        level = wideband(4000)
+        rims = CATALOGUE["overflow"].starts(setting_of(level))[:, 0]
+        assert np.any((rims > np.quantile(level, 0.998)) & (rims < level.max()))
+
     @pytest.mark.parametrize("offset", [0.0, 40.0])
     @pytest.mark.parametrize("step", [0.21, 0.013])
     def test_steps_under_noise_are_found_by_trying_all(self, offset, step):

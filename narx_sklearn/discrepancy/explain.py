@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.confirm import (
     OFFSET,
     chance_of_noise,
     deviance,
+    is_of_a_sensor,
     is_slow,
     n_shapes,
     noises_against,
@@ -33,6 +34,7 @@ BEAM = 2  # sets of effects carried to the next depth
 PAIRS = 8  # of effects that promise most together, fitted
 PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
 MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
+LEVELS = 2  # ways in which an output may be slowly off: from the first sample on, or as time goes
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
@@ -388,7 +390,11 @@ def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
 def _chances(
     problem: Problem, base: Candidate, some: list[Candidate], offsets: set[Port], bank: Bank, n_jobs
 ) -> list[float]:
-    """Return the chance that what each candidate adds is noise of some colour."""
+    """Return the chance that what each candidate adds is noise of some colour.
+
+    That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
+    at nothing, is then asked of the few ways of being so alone.
+    """
     noises = [
         sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
     ]
@@ -405,10 +411,14 @@ def _chances(
     chances = []
     for candidate, kinds in zip(some, noises, strict=True):
         added = _added(candidate, base)
-        gained = min(without[kind] - next(deviances) for kind in kinds)
-        gained -= ODD * sum(effect.odd for effect in added)
+        price = ODD * sum(effect.odd for effect in added)
+        gained = {kind: without[kind] - next(deviances) - price for kind in kinds}
         n_felt = max(candidate.n_parameters - base.n_parameters, 1)
-        chances.append(_chance(gained, added, n_felt, problem, bank, n_directions))
+        no_drift = 0.0
+        if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
+            no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
+        least = min(gained.values())
+        chances.append(max(no_drift, _chance(least, added, n_felt, problem, bank, n_directions)))
     return chances
 
 

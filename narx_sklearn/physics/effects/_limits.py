@@ -135,7 +135,7 @@ def _overflow(argument, rate, own, second, time, step, z, theta, dz):
 def _overflow_starts(setting: Setting) -> np.ndarray:
     if spread(setting.argument) == 0 or not quantiles(setting.own, 1.0) > 0:
         return np.empty((0, 1))
-    return grid(np.unique(quantiles(setting.argument, [0.7, 0.85, 0.95, 0.99])))
+    return grid(np.unique(quantiles(setting.argument, [0.7, 0.85, 0.95, 0.99, 0.999])))
 
 
 def _above(now, before, level):

@@ -11,6 +11,7 @@ ORDINARY = 0.1  # an effect of ordinary size changes what it acts on by a tenth 
 FLAT = 1e-6  # relative spread below which a signal counts as constant
 NEAR_ZERO = 0.01  # of the spread: stands for zero, since difference steps are shares of the value
 ELSEWHERE = 0.2  # of the spread: a mean nearer to zero than this is found by a fit that begins at zero
+TELLING = 1e-5  # of the spread, above rounding: the least that a change differs by from an offset and a gain
 ANGLE_BINS = 4096  # in the range of an angle: a hundred waves a turn still have forty bins each
 
 
@@ -102,7 +103,7 @@ def telling(setting: Setting, rows: np.ndarray, transform: Callable) -> np.ndarr
         changed = changed - changed.mean() if changed.size else changed
         if energy > 0:
             left = changed - signal * (signal @ changed / energy)
-            if np.sqrt(left @ left) > 1e-3 * np.sqrt(energy):
+            if np.sqrt(left @ left) > TELLING * np.sqrt(energy):
                 kept.append(row)
     return np.array(kept).reshape(-1, rows.shape[1])
 
