@@ -771,6 +771,23 @@ def test_a_law_of_two_names_keeps_both_however_the_usual_form_of_the_other_fits(
         assert any(c is bristle for c in found) == stays
 
 
+@pytest.mark.parametrize(("unexplained", "stays"), [(0.0, False), (2e4, False), (4e4, True)])
+def test_next_to_nothing_of_a_strong_effect_excludes_no_rival_with_as_few_parameters(unexplained, stays):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+
+    def candidate(code):
+        effect = PlacedEffect(CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=(0.1,))
+        return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+
+    best, rival = candidate("coulomb_friction"), candidate("quadratic_drag")
+    # between half a per cent of either amount that the best explains
+    cost = best.fit.cost + 0.005 * 3e4
+    near = Candidate(rival.fit._replace(cost=cost), rival.n_samples)
+    found = look_alikes(problem, best, [near], 0.0, {}, unexplained=best.fit.cost + unexplained)
+    assert any(c is near for c in found) == stays
+
+
 @pytest.mark.parametrize(
     ("p_value", "share", "of_form", "verdict"),
     [

@@ -326,7 +326,7 @@ def _judged(
     # where the named form visibly leaves something, its look-alikes may leave as much, and some more
     visible = max(leftover.gain, 0.0) if leftover.p_value <= SUSPECT else 0.0
     tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
-    alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps))
+    alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps), refitted.cost)
     unnamed = _unnamed(problem, refitted, best, structure, settings)
     follows = _left_by_several(problem, refitted, best, structure, settings)
     stand_in = bool(follows) or _stand_in(refitted, best, leftover, settings.alpha)
@@ -431,6 +431,7 @@ def _alternatives(
     pool: list[Candidate],
     tolerated: float,
     starts: dict[tuple, np.ndarray],
+    unexplained: float,
 ) -> tuple[tuple[Candidate, ...], ...]:
     """Return, for each effect of the set, what could stand in its place without being clearly worse."""
     singles = [c.effects[0] for c in pool if len(c.effects) == 1]
@@ -453,7 +454,9 @@ def _alternatives(
         # what the catalogue warns of is fitted to the end before it is judged
         rivals = [converged(problem, c) if declared_rival(best, c) else c for c in rivals]
         rivals.sort(key=lambda c: c.criterion)
-        found.append(tuple(look_alikes(problem, best, rivals, tolerated, starts)[1:]))
+        found.append(
+            tuple(look_alikes(problem, best, rivals, tolerated, starts, unexplained=unexplained)[1:])
+        )
     return tuple(found)
 
 

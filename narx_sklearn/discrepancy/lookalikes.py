@@ -135,6 +135,7 @@ def look_alikes(
     tolerated: float,
     starts: Mapping[tuple, np.ndarray],
     level: float = CLEARLY,
+    unexplained: float = 0.0,
 ) -> list[Candidate]:
     """Return the candidates that are not clearly worse than the best, the best first.
 
@@ -144,6 +145,7 @@ def look_alikes(
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
     worse than a form may be wrong by; what is the same law under another name stays however its form fits.
+    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it.
     One that holds the best as a special case and came to the same run
     stays if it fits as well with an ordinary shape, far from that special case.
 
@@ -153,7 +155,10 @@ def look_alikes(
         What a form may leave of the cost.
     starts : mapping from places to ndarray of shape (n_starts, n_theta)
         Ordinary parameter values of the effects, by places at which they always act.
+    unexplained : float
+        Cost without any effect.
     """
+    next_to_nothing = REFINES * (unexplained - best.fit.cost)
     kept = [best]
     noise = best.fit.residual
     n_outputs = problem.y.shape[1]
@@ -165,12 +170,17 @@ def look_alikes(
         extra = other.n_values - best.n_values
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
+        is_nothing = extra <= 0 and worse <= next_to_nothing
         if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
             cost = _least_cost(
                 problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
             )
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
-        elif behind <= HARDLY or (declared and (worse <= tolerated or is_one_law(best, declared))):
+        elif (
+            behind <= HARDLY
+            or is_nothing
+            or (declared and (worse <= tolerated or is_one_law(best, declared)))
+        ):
             stays = True
         elif behind > CERTAIN or (extra > 0 and -worse < DEARER * extra * unit):
             stays = False
