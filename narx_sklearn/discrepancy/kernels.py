@@ -304,7 +304,7 @@ def _simulate_windows(
     MAX_MEMORY); and middle_out (n_samples, n_outputs), if it has rows: the outputs half a step after each
     sample. Rows outside the windows are left alone. -1 is returned when all went well.
     """
-    # counting owners from branch to branch takes a fifth of a run's time; what is borrowed has none to count
+    # owners of what inlined helpers are handed would be counted in every branch; what is borrowed has none
     weights, seconds, theta, switches, p, u, tilt = _borrowed((weights, seconds, theta, switches, p, u, tilt))
     equation = _equation_at(equation_address)
     output = _equation_at(output_address)

@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.refit import fit
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
-REFINES = 0.005  # of what an effect explains, that one which holds it must add
+REFINES = 0.005  # of what an effect explains, that one which holds it must add; less excludes none as simple
 DEARER = 4.0  # what each further parameter of a rival must take off the cost, in noise variances
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
@@ -170,7 +170,7 @@ def look_alikes(
         extra = other.n_values - best.n_values
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
-        is_nothing = extra <= 0 and worse <= next_to_nothing
+        is_as_good = extra <= 0 and worse <= next_to_nothing
         if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
             cost = _least_cost(
                 problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
@@ -178,7 +178,7 @@ def look_alikes(
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
         elif (
             behind <= HARDLY
-            or is_nothing
+            or is_as_good
             or (declared and (worse <= tolerated or is_one_law(best, declared)))
         ):
             stays = True
