@@ -187,7 +187,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     steps: list[Step] = []
     if np.any(_left_over(problem, refitted.residual) > rounding):
         problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
-    stretches = find_stretches(problem, refitted, settings.random_state)
+    stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
     if steps:
         spans = spans_of(stretches, problem)
         found = search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
@@ -478,7 +478,7 @@ def _unnamed(
     settings: Settings,
     waves: Sequence[float] = (),
 ) -> Candidate | None:
-    """Return the best curve at any port, fitted from the parameters that go with the named effects.
+    """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
     Beside what acts for a while, a change of the simulator's own parameters meanwhile is tried too, and what
     pulsates at the frequencies of some ``waves``, Hz.
@@ -492,8 +492,8 @@ def _unnamed(
     for wave in waves:
         curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
     placed = [replace(curve.placed, during=during) for curve in curves]
-    base = refitted._replace(model=best.fit.model._replace(effects=()))
-    found = refit_leaders(problem, base, placed, settings.n_jobs, finished=1, twins=0)
+    beside = refitted._replace(model=best.fit.model._replace(effects=()))
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     return found[0] if found else None
 
 

@@ -38,6 +38,7 @@ LEVELS = 2  # ways in which an output may be slowly off: from the first sample o
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
+PACE = 2.0  # times the last iteration's decrease, that each further one is given credit for
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
@@ -93,6 +94,11 @@ class Candidate:
         """Minus twice the log-likelihood of the whitened residual, and the price of what was chosen."""
         return self.n_samples * np.log(max(self.fit.cost, 1e-300) / self.n_samples) + self.price
 
+    @property
+    def pace(self) -> float:
+        """Decrease of the criterion in the last iteration of the fit."""
+        return -self.n_samples * np.log1p(-min(self.fit.gained, 1.0 - 1e-9))
+
     @cached_property
     def price(self) -> float:
         """Price of Hannan and Quinn (1979) a parameter, and that of BIC once an effect.
@@ -131,57 +137,93 @@ def refit_leaders(
     finished: int | None = None,
     known: Sequence[Candidate] = (),
     twins: int = TWINS,
+    elsewhere: Sequence[Fit] = (),
 ) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
     All get a few iterations, the better ones more, the best (or the ``finished`` best) are taken to
     convergence. Where nothing is in the model yet, ``twins`` start from the simulator's own parameter values
     too: what the refit made of them without the effect may lie in another valley. Where the best came to
-    quite other values of them than the next, these are tried from there as well. Those ``known``, fitted
-    before under another noise, go on from there; of them the best are no less leaders.
+    quite other values of them than the next, these are tried from there as well. All begin from the fits
+    ``elsewhere`` too. Those ``known``, fitted before under another noise, go on from there; of them the best
+    are no less leaders.
     """
-
     before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
     within = min((c.criterion for c in known), default=0.0) + IN_REACH
     ahead = (c.effects[-1].place for c in known if c.criterion < within)
     places = dict.fromkeys([*(effect.place for effect in placed), *ahead])
     models = [before[place] for place in places if place in before]
-    run = problem.run(base.model)
-    models += Parallel(n_jobs=n_jobs, prefer="threads")(
-        delayed(entered)(problem, base, run, effect) for effect in placed if effect.place not in before
-    )
+    for start in (base, *elsewhere):
+        run = problem.run(start.model)
+        models += Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(entered)(problem, start, run, effect) for effect in placed if effect.place not in before
+        )
     twins = 0 if base.model.effects or before else twins
-    found, left_behind = _in_rounds(problem, models, n_jobs, twins=twins, finished=finished)
+    found, left_behind = _in_rounds(problem, base, models, n_jobs, twins=twins, finished=finished)
     if finished is None:
-        found, left_behind = _from_where_the_best_is(problem, found, left_behind, n_jobs)
+        found, left_behind = _from_where_the_best_is(problem, base, found, left_behind, n_jobs)
     found = _from_other_valleys(problem, base, found, n_jobs)
     return once_each(sorted(found + left_behind, key=lambda c: c.criterion))
 
 
 def _in_rounds(
     problem: Problem,
+    base: Fit,
     models: list[Model],
     n_jobs,
     *,
     rounds: tuple[tuple[int, int], ...] = ROUNDS,
     twins: int = 0,
     finished: int | None = None,
+    leader: Candidate | None = None,
 ) -> tuple[list[Candidate], list[Candidate]]:
-    """Return what became of the best models, converged, and what was left behind on the way."""
+    """Return what became of the best models, converged, and what was left behind on the way.
+
+    What takes off less than half as much as the best, or a ``leader`` that is known, and would not come near
+    it even at twice its last pace, goes no further.
+    """
     left_behind: list[Candidate] = []
-    for iterations, most in rounds:
+    for (iterations, most), remaining in zip(rounds, _remaining(rounds), strict=True):
         found = once_each(_fitted(problem, models, iterations, n_jobs))
-        models = [c.fit.model for c in found[:most]]
+        if not found:
+            return [], left_behind
+        going_on = found[:most]
+        if twins and iterations == rounds[0][0]:
+            again = [c.fit.model._replace(p=problem.simulator.nominal) for c in going_on[:twins]]
+            going_on += _fitted(problem, again, iterations, n_jobs)
+        known = going_on if leader is None else [*going_on, leader]
+        best = min(known, key=lambda c: c.criterion)
+        hopeful: list[Candidate] = []
         left_behind += found[most:]
-        if iterations == rounds[0][0]:
-            models += [m._replace(p=problem.simulator.nominal) for m in models[:twins]]
+        for candidate in going_on:
+            (hopeful if _may_catch_up(candidate, best, base, remaining) else left_behind).append(candidate)
+        models = [c.fit.model for c in hopeful]
     if finished is not None:
-        models, left_behind = models[:finished], left_behind + found[finished:most]
+        models, left_behind = models[:finished], left_behind + hopeful[finished:]
     return _fitted(problem, models, FINE, n_jobs, rough=False), left_behind
 
 
+def _remaining(rounds: tuple[tuple[int, int], ...]) -> list[int]:
+    """Return how many iterations follow each round."""
+    later = [iterations for iterations, _ in rounds[1:]]
+    return [sum(later[k:]) + FINE for k in range(len(rounds))]
+
+
+def _in_reach(candidate: Candidate, best: Candidate, base: Fit) -> bool:
+    """Tell whether a candidate leaves little more than the best."""
+    near = candidate.criterion < best.criterion + IN_REACH
+    return near or candidate.fit.cost - best.fit.cost < FORM * (base.cost - best.fit.cost)
+
+
+def _may_catch_up(candidate: Candidate, best: Candidate, base: Fit, iterations: int) -> bool:
+    """Tell whether a candidate takes off half as much as the best, or would be near it at twice its pace."""
+    half_way = np.sqrt(base.cost * best.fit.cost)  # of the logarithm of the cost
+    ahead = candidate.criterion - PACE * iterations * candidate.pace < best.criterion + IN_REACH
+    return candidate.fit.cost < half_way or ahead or _in_reach(candidate, best, base)
+
+
 def _from_where_the_best_is(
-    problem: Problem, found: list[Candidate], left_behind: list[Candidate], n_jobs
+    problem: Problem, base: Fit, found: list[Candidate], left_behind: list[Candidate], n_jobs
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Return the candidates, better ones from the best's values of the simulator's own parameters with them.
 
@@ -192,7 +234,7 @@ def _from_where_the_best_is(
     best = found[0].fit.model.p
     others = [c for c in [*found[1:], *left_behind] if _lies_asunder(problem, c.fit.model.p, best)]
     models = [c.fit.model._replace(p=best) for c in others[:TWINS]]
-    moved, behind = _in_rounds(problem, models, n_jobs, rounds=PAIR_ROUNDS)
+    moved, behind = _in_rounds(problem, base, models, n_jobs, rounds=PAIR_ROUNDS, leader=found[0])
     return once_each(sorted(found + moved, key=lambda c: c.criterion)), left_behind + behind
 
 
@@ -240,7 +282,7 @@ def refit_pairs(
         models = models + Parallel(n_jobs=n_jobs, prefer="threads")(
             delayed(entered)(problem, base, run, *pair.effects(bank)) for pair in some
         )
-        ended, left_behind = _in_rounds(problem, models, n_jobs, rounds=PAIR_ROUNDS)
+        ended, left_behind = _in_rounds(problem, base, models, n_jobs, rounds=PAIR_ROUNDS)
         return ended + left_behind
 
     fitted = sorted(tried(promising, [c.fit.model for c in known]), key=lambda c: c.criterion)
@@ -255,10 +297,7 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     """Return the candidates, those in reach of the best from other values of their last effect too."""
 
     def settled(candidate: Candidate) -> Candidate:
-        best = found[0]
-        in_reach = candidate.criterion < best.criterion + IN_REACH
-        in_reach |= candidate.fit.cost - best.fit.cost < FORM * (base.cost - best.fit.cost)
-        if not (in_reach and candidate.effects[-1].effect.valleys):
+        if not (_in_reach(candidate, found[0], base) and candidate.effects[-1].effect.valleys):
             return candidate
         return Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
 

@@ -27,6 +27,7 @@ class Fit(NamedTuple):
     steps: np.ndarray  # difference steps of the global parameters
     converged: bool
     iterations: int
+    gained: float  # share of the cost that the last iteration took off
 
     @property
     def window_costs(self) -> np.ndarray:
@@ -111,7 +112,7 @@ def fit(
     )
     # through a coarse sensor each window could choose among states that differ in rounding alone
     least = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
-    damping, converged = 1e-3, False
+    damping, converged, gained = 1e-3, False, 0.0
     run = problem.run(model)
     x_steps = state_scale(problem, model, run)
     residual = problem.residual(run)
@@ -171,12 +172,13 @@ def fit(
                 damping = max(damping / 9, 1e-9)
                 break
             damping = max(damping * 6, 1e-6)
-        converged = previous - cost <= tolerance * previous
+        gained = (previous - cost) / previous if cost < previous else 0.0
+        converged = gained <= tolerance
         if not (rough and (done >= iterations or converged)):
             steps, projector, J_full, J = tangents()
     order = model.rising
     model = model.with_q(model.q[order])
-    return Fit(model, cost, r, J[:, :, order], projector, steps[order], converged, done)
+    return Fit(model, cost, r, J[:, :, order], projector, steps[order], converged, done, gained)
 
 
 def fit_states(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Fit:

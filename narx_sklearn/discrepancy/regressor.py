@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import (
     as_signals,
     column_labels,
@@ -210,6 +211,10 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             If a setting or the record does not fit; the message says which and what would.
         """
         self._check_settings()
+        with single_threaded_blas():
+            return self._fit(X, y, sessions)
+
+    def _fit(self, X, y, sessions):
         effects = self._chosen_effects()
         simulator = self.simulator
         if not simulator.inputs:  # a trace that waits for the inputs that led to it

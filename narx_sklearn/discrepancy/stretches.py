@@ -19,9 +19,9 @@ class Stretches(NamedTuple):
     residual: np.ndarray  # (n_samples, n_outputs) what these leave; NaN outside the windows
 
 
-def find_stretches(problem: Problem, refitted: Fit, random_state=None) -> Stretches:
+def find_stretches(problem: Problem, refitted: Fit, random_state=None, n_jobs=None) -> Stretches:
     """Find the stretches of time in which the mismatch is, with parameters that it has not bent."""
-    p, residual = trimmed(problem, refitted)
+    p, residual = trimmed(problem, refitted, n_jobs)
     dt, windows = problem.simulator.dt, problem.windows
     start = int(windows.first[0])
     inside = slice(start, int(windows.last[-1]))

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -25,7 +26,7 @@ class Trimmed(NamedTuple):
     residual: np.ndarray  # (n_samples, n_outputs) recording less simulation; NaN outside the windows
 
 
-def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
+def trimmed(problem: Problem, refitted: Fit, n_jobs: int | None = None) -> Trimmed:
     """Fit a simulator's parameters to the quieter half of the record.
 
     What acts for a while only bends the parameters of a fit to the whole record, and then a bit is left
@@ -39,6 +40,8 @@ def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
     problem : Problem
     refitted : Fit
         Of the simulator without effects, over the problem's windows.
+    n_jobs : int, optional
+        Threads.
 
     Returns
     -------
@@ -54,8 +57,13 @@ def trimmed(problem: Problem, refitted: Fit) -> Trimmed:
     lengths = everything.windows.last - everything.windows.first
     own = model._replace(p=everything.simulator.nominal)
     parts = np.arange(lengths.size) * PARTS // lengths.size
-    begun = [model, *(_fitted_to(everything, own, parts == part) for part in range(PARTS))]
-    ends = [_of_the_quieter_half(everything, start, lengths) for start in begun]
+
+    def from_part(part: int | None) -> tuple[Model, np.ndarray]:
+        start = model if part is None else _fitted_to(everything, own, parts == part)
+        return _of_the_quieter_half(everything, start, lengths)
+
+    begun = (None, *range(PARTS))
+    ends = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(from_part)(part) for part in begun)
     model, size = min(ends, key=lambda end: end[1] @ (lengths * _quieter_half(end[1], lengths)))
     deviation = size - np.median(size)
     model = _fitted_to(everything, model, deviation <= ORDINARY * np.median(np.abs(deviation)))

@@ -1,0 +1,109 @@
+"""How far leaders are fitted: what cannot come near the best any more is left as it is."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import ODESimulator, explain
+from narx_sklearn.discrepancy.bank import make_bank
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.explain import IN_REACH, Candidate, refit_leaders
+from narx_sklearn.discrepancy.generic import curve_hypotheses
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.ranking import leaders
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+NOISE = 0.02  # m
+CUBIC = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(15.0,))
+
+
+def spring(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def make_spring(gain=1.0, damping=0.8, stiffness=12.0):
+    return ODESimulator(
+        spring,
+        dt=0.05,
+        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping, "stiffness [1/s^2]": stiffness},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+@pytest.fixture(scope="module")
+def hardening():
+    """Return a spring that hardens strongly, the refit without it, and the run of that."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0.0, 3.0, 200), 10)[:, None]
+    y = make_spring(1.1, 0.7, 11.0).with_effects([CUBIC]).simulate(u) + NOISE * rng.normal(size=u.shape)
+    windows = cut([(slice(0, len(u)), 0)], 500, 12)
+    problem = Problem(make_spring(), u, y, windows, Noise.white(np.array([NOISE])))
+    base = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
+    run = problem.run(base.model)
+    return problem, base, run, find_structure(problem.simulator, run.x, u)
+
+
+def test_a_race_leaves_the_order_in_reach_as_it_is_and_saves_work(hardening, monkeypatch):
+    problem, base, run, structure = hardening
+    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, base.model, run, structure)
+    placed = leaders(make_bank(problem, base, hypotheses), 12, CERTAIN, 1.0)
+    spent = []
+
+    def counted(*args, **options):
+        found = fit(*args, **options)
+        spent.append(found.iterations)
+        return found
+
+    monkeypatch.setattr(explain, "fit", counted)
+    raced = refit_leaders(problem, base, placed)
+    with_race = sum(spent)
+    spent.clear()
+    monkeypatch.setattr(explain, "IN_REACH", np.inf)
+    thorough = refit_leaders(problem, base, placed)
+    assert with_race < 0.95 * sum(spent)
+
+    def in_reach(found: list[Candidate]) -> dict[tuple, float]:
+        least = found[0].criterion
+        return {c.effects[0].place: c.criterion for c in found if c.criterion < least + IN_REACH}
+
+    assert raced[0].effects[0].effect.code == "cubic_stiffness"
+    assert in_reach(raced).keys() == in_reach(thorough).keys()
+    for place, criterion in in_reach(thorough).items():
+        assert in_reach(raced)[place] == pytest.approx(criterion, abs=1.0)
+    assert {c.effects[0].place for c in raced} == {c.effects[0].place for c in thorough}
+
+
+def test_what_still_falls_fast_goes_on(hardening):
+    """A candidate that halved its cost in the last iteration is given credit for those to come."""
+    problem, base, *_ = hardening
+    n = problem.n_seen
+    best = Candidate(base._replace(cost=n, gained=0.0), n)
+    slow = Candidate(base._replace(cost=100.0 * n, gained=1e-4), n)
+    falling = Candidate(slow.fit._replace(gained=0.5), n)
+    far = base._replace(cost=1e3 * n)
+    assert not explain._may_catch_up(slow, best, far, 20)
+    assert explain._may_catch_up(falling, best, far, 20)
+    assert falling.pace == pytest.approx(n * np.log(2.0))
+    most = Candidate(slow.fit._replace(cost=30.0 * n), n)
+    assert explain._may_catch_up(most, best, far, 20)  # a slow beginning; it takes off more than half
+
+
+def test_a_surface_without_a_name_fits_as_well_as_the_name(hardening):
+    """From the parameters that go with the name alone a stiff surface is thrown out of all range."""
+    problem, base, run, structure = hardening
+    rows = problem.rows[problem.inside]
+    curves = curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+    named = fit(problem, base.model._replace(p=np.array([1.1, 0.7, 11.0]), effects=(CUBIC,)))
+    beside = base._replace(model=named.model._replace(effects=()))
+    placed = [curve.placed for curve in curves]
+    found = refit_leaders(problem, base, placed, finished=1, twins=0, elsewhere=[beside])
+    assert found[0].fit.cost < 1.02 * named.cost
+    alone = refit_leaders(problem, beside, placed, finished=1, twins=0)
+    assert alone[0].fit.cost > found[0].fit.cost
