@@ -54,7 +54,7 @@ def coloured_search(
         rest = [h for h in hypotheses if h.placed.place not in known[0].places]
         residual = _without_structure(problem, make_bank(problem, known[0].fit, rest, settings.n_jobs))
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
-    refitted = fit(problem, refitted.model)
+    refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     settings.tell("search for missing physics")
     steps = _searched(problem, refitted, structure, settings, dominated, known)
     for _ in range(LOOKS):
@@ -96,12 +96,12 @@ def _under_clearer_noise(
     settings.tell("search again, under the noise that the best explanation leaves")
     known = [c for c in pool if len(c.effects) <= 2]
     problem = problem.with_noise(noise)
-    refitted = fit(problem, refitted.model)
+    refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     steps = _searched(problem, refitted, structure, settings, True, known)
     if steps[0].detection.p_value > settings.alpha:
         return None
     if len(best.effects) > 1:
-        steps[-1].candidates.append(converged(problem, best))
+        steps[-1].candidates.append(converged(problem, best, settings.n_jobs))
     return problem, refitted, steps
 
 
@@ -158,9 +158,10 @@ def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: 
     )
 
 
-def converged(problem: Problem, candidate: Candidate) -> Candidate:
+def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None) -> Candidate:
     """Return a set of effects fitted to the end."""
-    return Candidate(fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7), candidate.n_samples)
+    found = fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7, n_jobs=n_jobs)
+    return Candidate(found, candidate.n_samples)
 
 
 def pool_of(steps: list[Step]) -> list[Candidate]:

@@ -162,7 +162,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     settings.tell("fit of the simulator's own parameters")
     x0 = guess_states(simulator, u, y, windows, structure, x)
     nominal = fit_initial_states(problem, x0)
-    refitted = fit(problem, nominal.model)
+    refitted = fit(problem, nominal.model, n_jobs=settings.n_jobs)
     if settings.window is None:
         lengths = [max(length // share, shortest) for share in SHORTER]
         refitted = min(
@@ -183,7 +183,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     problem, refitted = _centred(problem, refitted)
     rounding = FINEST * spread
     problem = problem.with_noise(Noise.white(np.maximum(_left_over(problem, refitted.residual), rounding)))
-    refitted = fit(problem, refitted.model, iterations=2)
+    refitted = fit(problem, refitted.model, iterations=2, n_jobs=settings.n_jobs)
     steps: list[Step] = []
     if np.any(_left_over(problem, refitted.residual) > rounding):
         problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
@@ -279,12 +279,12 @@ def _named(
     settings.tell("rivals and unnamed curves")
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
-    best = converged(problem, best)
+    best = converged(problem, best, settings.n_jobs)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
         # what goes with it has no name; the effect that explains most may have one
-        single = converged(problem, likeliest(singles, refitted.cost))
+        single = converged(problem, likeliest(singles, refitted.cost), settings.n_jobs)
         alone = _judged(problem, refitted, single, pool, steps, structure, settings)
         return alone if alone.verdict != "unknown" else found
     return found

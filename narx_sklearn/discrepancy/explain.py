@@ -7,7 +7,7 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, effective_n_jobs
 
 from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import (
@@ -248,9 +248,11 @@ def _fitted(
     problem: Problem, models: list[Model], iterations: int, n_jobs, *, rough: bool = True
 ) -> list[Candidate]:
     """Return what a few iterations make of models, best first."""
+    threads_each = effective_n_jobs(n_jobs) // max(len(models), 1)
 
     def fitted(model: Model) -> Candidate:
-        return Candidate(fit(problem, model, iterations=iterations, rough=rough), problem.n_seen)
+        found = fit(problem, model, iterations=iterations, rough=rough, n_jobs=max(threads_each, 1))
+        return Candidate(found, problem.n_seen)
 
     found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)
     return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)

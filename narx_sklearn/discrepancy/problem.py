@@ -5,11 +5,13 @@ All tensors have one axis of windows and one of samples times outputs, padded wi
     residual (W, T),  states' sensitivities (W, T, n_free),  parameters' sensitivities (W, T, n_q)
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from joblib import effective_n_jobs
 
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
@@ -122,37 +124,45 @@ class Problem:
         """Number of free initial states of all windows."""
         return int(self.simulator.free_states.sum()) * self.windows.count
 
-    def states_sensitivity(self, model: Model, base: Run, scale: np.ndarray) -> np.ndarray:
+    def states_sensitivity(
+        self, model: Model, base: Run, scale: np.ndarray, n_jobs: int | None = None
+    ) -> np.ndarray:
         """Return d y_sim / d x0, whitened, (W, T, n_free): every window's own state moves at once.
 
         Windows of which nothing was seen keep theirs: others may remember them.
         """
-        free = np.flatnonzero(self.simulator.free_states)
         seen = self.seen.any(axis=(1, 2))
-        columns = []
-        for state in free:
+
+        def column(state: int) -> np.ndarray:
             x0 = model.x0.copy()
             x0[seen, state] += scale[state]
-            moved = self.run(model._replace(x0=x0))
-            columns.append(self.whiten(moved.y - base.y) / scale[state])
-        if not columns:
-            return np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1], 0))
-        return np.stack(columns, axis=2)
+            return self.whiten(self.run(model._replace(x0=x0)).y - base.y) / scale[state]
 
-    def parameter_sensitivity(self, model: Model, base: Run, steps: np.ndarray) -> np.ndarray:
+        return self._columns(column, np.flatnonzero(self.simulator.free_states), n_jobs)
+
+    def parameter_sensitivity(
+        self, model: Model, base: Run, steps: np.ndarray, n_jobs: int | None = None
+    ) -> np.ndarray:
         """Return d y_sim / d q, whitened, (W, T, n_q); zero where the step is."""
-        q = model.q
-        columns = []
-        for i, step in enumerate(steps):
-            if step == 0:
-                columns.append(np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1])))
-                continue
-            moved = q.copy()
-            moved[i] += step
-            columns.append(self.whiten(self.run(model.with_q(moved)).y - base.y) / step)
-        if not columns:
+
+        def column(i: int) -> np.ndarray:
+            if steps[i] == 0:
+                return np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1]))
+            q = model.q
+            q[i] += steps[i]
+            return self.whiten(self.run(model.with_q(q)).y - base.y) / steps[i]
+
+        return self._columns(column, range(steps.size), n_jobs)
+
+    def _columns(self, column, indices, n_jobs: int | None) -> np.ndarray:
+        """Return the columns of some indices, (W, T, n), each made on its own."""
+        if not len(indices):
             return np.zeros((self.windows.count, self.rows.shape[1] * self.y.shape[1], 0))
-        return np.stack(columns, axis=2)
+        if effective_n_jobs(n_jobs) == 1:
+            return np.stack([column(i) for i in indices], axis=2)
+        # so short that joblib, which looks for results every hundredth of a second, would only slow them down
+        with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as threads:
+            return np.stack(list(threads.map(column, indices)), axis=2)
 
 
 class Projector(NamedTuple):

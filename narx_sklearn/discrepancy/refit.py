@@ -86,6 +86,7 @@ def fit(
     iterations: int = ITERATIONS,
     tolerance: float = 1e-5,
     rough: bool = False,
+    n_jobs: int | None = None,
 ) -> Fit:
     """Minimise the whitened output error over global parameters and initial states.
 
@@ -98,6 +99,8 @@ def fit(
         Which global parameters may move; all by default.
     rough : bool
         Whether the linearisation may be that of the last step's beginning, for fits that are only ranked.
+    n_jobs : int, optional
+        Threads that linearise.
     """
     bounds = all_bounds(problem, model)
     q = np.clip(model.q, bounds[:, 0], bounds[:, 1])
@@ -121,8 +124,8 @@ def fit(
 
     def tangents() -> Tangents:
         steps = difference_steps(model, bounds, scale_q)
-        projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps)))
-        J = _finite(problem.parameter_sensitivity(model, run, steps))
+        projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps, n_jobs)))
+        J = _finite(problem.parameter_sensitivity(model, run, steps, n_jobs))
         return Tangents(steps, projector, J, projector(J))
 
     steps, projector, J_full, J = tangents()
