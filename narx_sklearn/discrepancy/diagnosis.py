@@ -60,7 +60,8 @@ UNEXPLAINED = 0.1  # share of what could be explained that named effects may lea
 LONG = (
     4  # windows in which an integrating plant is looked at, once short ones have brought its parameters near
 )
-SHORTER = (4, 2)  # parts of a window, over which a machine is fitted first
+SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is fitted first
+TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
 FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 AGAIN = 2  # diagnoses after the first, for the same reason
@@ -164,12 +165,14 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     nominal = fit_initial_states(problem, x0)
     refitted = fit(problem, nominal.model, n_jobs=settings.n_jobs)
     if settings.window is None:
-        lengths = [max(length // share, shortest) for share in SHORTER]
-        refitted = min(
-            refitted,
-            _grown(problem, [spread_out(cut(pieces, n, shortest)) for n in lengths], structure, x),
-            key=lambda found: found.cost,
-        )
+        grown = refitted
+        for shares in SHORTER:
+            lengths = sorted({max(length // share, shortest) for share in shares})
+            parts = [spread_out(cut(pieces, n, shortest)) for n in lengths]
+            grown = min(grown, _grown(problem, parts, structure, x), key=lambda found: found.cost)
+        if refitted.cost > TRAPPED * grown.cost:
+            problem, grown = _shortened(problem, grown, parts, structure, x)
+        refitted = grown
     if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
@@ -387,6 +390,24 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
         found = fit(longer, found.model._replace(x0=_states_at(now, found, windows)))
         now = longer
     return found
+
+
+def _shortened(
+    problem: Problem, found: Fit, shorter: list[Windows], structure: Structure, x: np.ndarray
+) -> tuple[Problem, Fit]:
+    """Return the problem over the longest windows in which a fit from afar finds its way, and its fit.
+
+    Over longer ones effects would lose theirs too: what a machine that turns over makes of a small mistake is
+    another run altogether.
+    """
+    for windows in reversed(shorter):
+        part = problem.over(windows)
+        led = fit(part, found.model._replace(x0=_states_at(problem, found, windows)))
+        x0 = guess_states(part.simulator, part.u, part.y, windows, structure, x)
+        from_afar = fit(part, fit_initial_states(part, x0).model)
+        if from_afar.cost <= TRAPPED * led.cost:
+            break
+    return part, min(led, from_afar, key=lambda fitted: fitted.cost)
 
 
 def _states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
