@@ -1,17 +1,22 @@
 """Machines that a long run does not follow: unstable ones that a loop holds, and those that turn over."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, diagnosis
 from narx_sklearn.discrepancy.bank import entered
 from narx_sklearn.discrepancy.checks import check_record
+from narx_sklearn.discrepancy.diagnosis import begin, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment
+from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.start import fit_initial_states, states_along
 from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
 from narx_sklearn.discrepancy.windows import Pace, cut, find_pace, followed_for, window_length
@@ -230,3 +235,98 @@ class TestDiagnosis:
         assert dx.verdict_ == "refit"
         np.testing.assert_allclose(dx.parameters_["refitted"], [30.0, 20.0, 1.0], rtol=0.02)
         assert check_record(make_pendulum(), u, y) == ()
+
+
+def turning(seed, n=4000, noise=0.01):
+    """Return current and angle of a pendulum that turns over several times, and the noise of the latter."""
+    rng = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(n, 0.01)
+    lines = np.where((f >= 0.1) & (f <= 3.0), np.exp(2j * np.pi * rng.random(f.size)), 0)
+    wave = np.fft.irfft(lines, n)
+    u = (2.5 * wave / np.abs(wave).max())[:, None]
+    y = make_pendulum(30.0, 20.0, 1.0).simulate(u)
+    assert np.ptp(y) > 6 * np.pi
+    return u, y + noise * y.std() * rng.standard_normal(y.shape), noise * y.std()
+
+
+def settings_of(*codes):
+    effects = tuple(CATALOGUE[code] for code in codes)
+    return Settings(effects, 0.01, 2, 12, None, 0, 2, lambda text: None)
+
+
+class TestWindows:
+    @pytest.mark.parametrize("seed", [2, 9])
+    def test_they_are_as_short_as_a_fit_from_afar_needs(self, seed):
+        """Over a quarter of the record each, the refit left 23 and 44 times the noise."""
+        u, y, sigma = turning(seed)
+        problem, refitted, _, pace, _ = begin(
+            make_pendulum(), u, y, [(slice(0, len(u)), 0)], settings_of("gravity")
+        )
+        assert problem.windows.count > len(u) / window_length(make_pendulum(), pace, len(u))
+        left = np.sqrt(refitted.cost / problem.n_seen) * problem.noise.sigma[0]
+        assert left < 1.05 * sigma
+        np.testing.assert_allclose(refitted.model.p, [30.0, 20.0, 1.0], rtol=0.02)
+
+    def test_they_stay_long_where_it_finds_its_way(self):
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.normal(0.0, 0.2, 40), 100)[:, None]  # it hangs
+        y = make_pendulum(30.0, 20.0, 1.0).simulate(u)
+        y = y + 0.01 * y.std() * rng.standard_normal(y.shape)
+        problem, *_ = begin(make_pendulum(), u, y, [(slice(0, 4000), 0)], settings_of("gravity"))
+        assert problem.windows.count == 4
+
+
+def without_weight(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+@pytest.fixture(scope="module")
+def told():
+    """Return a record, the diagnosis over short windows, and one over long ones that explains nothing."""
+    u, y, _ = turning(2, 2000)
+    simulator = ODESimulator(
+        without_weight,
+        dt=0.01,
+        parameters={"gain [rad/s^2/A]": 27.0, "damping [1/s]": 1.2},
+        states=["angle [rad]", "rate [rad/s]"],
+        inputs=["current [A]"],
+    )
+    record = simulator, u, y, [(slice(0, 1600), 0)]
+    short = diagnose(*record, replace(settings_of("gravity"), window=80))
+    assert short.verdict == "explained"
+    long = short.problem.over(cut(record[3], 400, 12))
+    x0 = np.zeros((long.windows.count, 2))
+    nothing = Candidate(fit(long, fit_initial_states(long, x0).model), long.n_seen)
+    lost = replace(short, verdict="unknown", problem=long, best=nothing, lengthened_from=50)
+    return record, short, lost
+
+
+class TestAgainOverShorterWindows:
+    """Without its weight a pendulum is an integrator; over long windows a fit with the weight is lost."""
+
+    def test_what_they_tell_is_believed_where_it_leaves_less_of_long_ones(self, told, monkeypatch):
+        record, short, lost = told
+        asked = []
+
+        def diagnosed(simulator, u, y, pieces, settings):
+            asked.append(settings.window)
+            return lost if settings.window is None else short
+
+        monkeypatch.setattr(diagnosis, "_diagnosed", diagnosed)
+        assert diagnose(*record, settings_of("gravity")) is short
+        assert asked == [None, 141]  # halfway between 50 and 400
+
+    def test_else_what_long_ones_said_stands(self, told, monkeypatch):
+        record, short, lost = told
+        worse = replace(short, best=Candidate(short.refitted, short.problem.n_seen))
+        better = replace(lost, best=short_over(lost, short))
+        for again in (worse, replace(short, verdict="unknown")):
+            answers = iter([better, again])
+            monkeypatch.setattr(diagnosis, "_diagnosed", lambda *args, answers=answers: next(answers))
+            assert diagnose(*record, settings_of("gravity")) is better
+
+
+def short_over(lost, short):
+    """Return the effects of a diagnosis fitted over the windows of another."""
+    x0 = short.problem.run(short.best.fit.model).x[lost.problem.windows.first]
+    return Candidate(fit(lost.problem, short.best.fit.model._replace(x0=x0)), lost.problem.n_seen)

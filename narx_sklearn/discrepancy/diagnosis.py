@@ -95,6 +95,7 @@ class Diagnosis:
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
+    lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
 
     @property
     def base_run(self) -> Run:
@@ -106,6 +107,7 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     """Diagnose a simulator on the given pieces of a record.
 
     A simulator that is known only near some parameters is diagnosed again where those found lie elsewhere.
+    Where nothing that is known explains what is seen over long windows, shorter ones are tried.
 
     Parameters
     ----------
@@ -113,6 +115,11 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
     found = _diagnosed(simulator, u, y, pieces, settings)
+    if found.verdict == "unknown" and found.lengthened_from:
+        settings.tell("again, over shorter windows")
+        lengths = found.problem.windows.last - found.problem.windows.first
+        halfway = replace(settings, window=int(np.sqrt(found.lengthened_from * np.median(lengths))))
+        found = _explaining_more(found, _diagnosed(simulator, u, y, pieces, halfway))
     for _ in range(AGAIN):
         known = found.problem.simulator
         nearer = known.centred(found.best.fit.model.p)
@@ -123,6 +130,21 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     return found
 
 
+def _explaining_more(found: Diagnosis, shorter: Diagnosis) -> Diagnosis:
+    """Return a diagnosis, or that over shorter windows where what it names leaves less of the long ones too.
+
+    An integrator without what is missing follows a long run; with it the machine may turn over, and a fit
+    that begins far away does not get there.
+    """
+    if shorter.verdict not in ("explained", "ambiguous"):
+        return found
+    long = found.problem.with_noise(Noise.white(found.problem.noise.sigma))
+    model = shorter.best.fit.model
+    x0 = _states_at(shorter.problem, shorter.best.fit, long.windows)
+    left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
+    return shorter if left[0] < left[1] else found
+
+
 class Beginning(NamedTuple):
     """The fit of the simulator's own parameters, and what it was made with."""
 
@@ -130,6 +152,7 @@ class Beginning(NamedTuple):
     refitted: Fit
     structure: Structure
     pace: Pace
+    lengthened_from: int  # samples of a window before it was made long; 0 where it was not
 
 
 def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Beginning:
@@ -173,15 +196,16 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
         if refitted.cost > TRAPPED * grown.cost:
             problem, grown = _shortened(problem, grown, parts, structure, x)
         refitted = grown
+    before = problem
     if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
     _check_finite(problem, refitted)
-    return Beginning(problem, refitted, structure, pace)
+    return Beginning(problem, refitted, structure, pace, 0 if problem is before else length)
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
-    problem, refitted, structure, pace = begin(simulator, u, y, pieces, settings)
+    problem, refitted, structure, pace, lengthened_from = begin(simulator, u, y, pieces, settings)
     spread = np.nanstd(y, axis=0)
     problem, refitted = _centred(problem, refitted)
     rounding = FINEST * spread
@@ -244,6 +268,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         stretches,
         twin_misses_more,
         against_noise,
+        lengthened_from,
     )
 
 
