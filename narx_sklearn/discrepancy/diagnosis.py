@@ -309,9 +309,9 @@ def _named(
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = converged(problem, best, settings.n_jobs)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
-    singles = [c for c in pool if len(c.effects) == 1]
+    singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
-        # what goes with it has no name; the effect that explains most may have one
+        # what goes with it has no name; the effect that explains most may have one (a drift goes anywhere)
         single = converged(problem, likeliest(singles, refitted.cost), settings.n_jobs)
         alone = _judged(problem, refitted, single, pool, steps, structure, settings)
         return alone if alone.verdict != "unknown" else found
