@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened
+from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened, _without_refinement
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
@@ -870,6 +870,22 @@ def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
         found = Candidate(curve, problem.n_seen)
         assert found.criterion < two.criterion
         assert _decide(base, two, (), found, NOTHING_LEFT, 0.005) == verdict
+
+
+@pytest.mark.parametrize(
+    ("other", "share", "kept"),
+    [("asymmetric_friction", 0.003, 1), ("asymmetric_friction", 0.02, 2), ("quadratic_drag", 0.003, 2)],
+)
+def test_a_look_alike_that_only_mends_the_form_of_another_is_left_out(other, share, kept):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    found = fit(problem, base.model._replace(effects=(friction(0.4),)))
+    single = Candidate(found, problem.n_seen)
+    effects = (friction(0.4), friction(0.01, other, (0.0,) if other == "asymmetric_friction" else ()))
+    cost = found.cost - share * (base.cost - found.cost)
+    pair = Candidate(found._replace(cost=cost, model=found.model._replace(effects=effects)), problem.n_seen)
+    chosen = _without_refinement(pair, [pair, single], base.cost)
+    assert len(chosen.effects) == kept
 
 
 def test_noise_that_drifts_has_slow_power_and_never_lacks_it():

@@ -32,7 +32,7 @@ from narx_sklearn.discrepancy.lookalikes import (
     look_alikes,
 )
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import ALWAYS
+from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.ranking import gains
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -307,6 +307,7 @@ def _named(
     settings.tell("rivals and unnamed curves")
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
+    best = _without_refinement(best, pool, refitted.cost)
     best = converged(problem, best, settings.n_jobs)
     found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
@@ -337,6 +338,24 @@ def _likeliest_set(
             break
         pool += others
         best = likeliest(pool, unexplained)
+    return best
+
+
+def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: float) -> Candidate:
+    """Return a set with one effect for two look-alikes at a port, if the second only mends a form."""
+    next_to_nothing = REFINES * (unexplained - best.fit.cost)
+    for one, other in _bent_together(best):
+        kept = best.places - {one.place, other.place}
+        fewer = [
+            c
+            for c in pool
+            if len(c.effects) == len(best.effects) - 1
+            and kept <= c.places
+            and all(effect.port == one.port for effect in c.effects if effect.place not in kept)
+            and c.fit.cost - best.fit.cost <= next_to_nothing
+        ]
+        if fewer:
+            return likeliest(fewer, unexplained)
     return best
 
 
@@ -608,11 +627,16 @@ def _leftover(problem: Problem, best: Candidate, structure: Structure, settings:
 
 def _stand_in(refitted: Fit, best: Candidate, leftover: _Leftover, alpha: float) -> bool:
     """Tell whether two look-alikes that act together at one port were bent to a law that is neither."""
-    together = any(
-        one.port == other.port and one.effect.code in other.effect.lookalikes
-        for one, other in combinations(best.effects, 2)
-    )
-    return together and leftover.refutes(refitted.cost - best.fit.cost, BENT, alpha)
+    return bool(_bent_together(best)) and leftover.refutes(refitted.cost - best.fit.cost, BENT, alpha)
+
+
+def _bent_together(candidate: Candidate) -> list[tuple[PlacedEffect, PlacedEffect]]:
+    """Return the look-alikes that act at one port."""
+    return [
+        (one, other)
+        for one, other in combinations(candidate.effects, 2)
+        if one.port == other.port and one.effect.code in other.effect.lookalikes
+    ]
 
 
 def _left_by_several(
