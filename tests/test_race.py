@@ -5,7 +5,7 @@ import pytest
 
 from narx_sklearn.discrepancy import ODESimulator, explain
 from narx_sklearn.discrepancy.bank import make_bank
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.coloured_search import CERTAIN
 from narx_sklearn.discrepancy.explain import IN_REACH, Candidate, refit_leaders
 from narx_sklearn.discrepancy.generic import curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
@@ -18,7 +18,6 @@ from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
-CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 NOISE = 0.02  # m
 CUBIC = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(15.0,))
 

@@ -8,7 +8,7 @@ from driven_axis import make_axis
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.coloured_search import CERTAIN
 from narx_sklearn.discrepancy.explain import Candidate, refit_leaders, refit_pairs
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
@@ -19,9 +19,6 @@ from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
-
-CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-
 
 FORCE = Port("state", 1)
 

@@ -188,13 +188,18 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     nominal = fit_initial_states(problem, x0)
     refitted = fit(problem, nominal.model, n_jobs=settings.n_jobs)
     if settings.window is None:
-        grown = refitted
-        for shares in SHORTER:
-            lengths = sorted({max(length // share, shortest) for share in shares})
-            parts = [spread_out(cut(pieces, n, shortest)) for n in lengths]
-            grown = min(grown, _grown(problem, parts, structure, x), key=lambda found: found.cost)
+        ladders = [
+            [
+                spread_out(cut(pieces, n, shortest))
+                for n in sorted({max(length // share, shortest) for share in shares})
+            ]
+            for shares in SHORTER
+        ]
+        led = (_grown(problem, shorter, structure, x) for shorter in ladders)
+        grown = min(refitted, *led, key=lambda found: found.cost)
         if refitted.cost > TRAPPED * grown.cost:
-            problem, grown = _shortened(problem, grown, parts, structure, x)
+            problem, grown = _shortened(problem, grown, ladders[-1], structure, x)
+            length = int(np.median(problem.windows.last - problem.windows.first))
         refitted = grown
     before = problem
     if settings.window is None and not (pace.forgets or pace.growth):
