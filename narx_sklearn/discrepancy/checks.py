@@ -128,7 +128,7 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
         mistakes, case, last = find_mistakes(case, n_jobs)
         found += [_told(simulator, mistake) for mistake in mistakes]
         if last is not None:
-            found += _other_units(simulator, case, last)
+            found += _other_units(simulator, case, last, n_jobs)
     return tuple(found)
 
 
@@ -259,9 +259,9 @@ def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:
     return DataFinding(mistake.code, sentence, about | numbers)
 
 
-def _other_units(simulator: Simulator, case: Case, scaled: Agreement) -> list[DataFinding]:
+def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) -> list[DataFinding]:
     """Return findings where only another scale or a large offset makes the output agree."""
-    plain = agreement_at_best(case, scaled=False)
+    plain = agreement_at_best(case, scaled=False, n_jobs=n_jobs)
     if plain is None or not scaled.error < min(DECISIVE * plain.error, 0.5):
         return []
     found = []

@@ -6,6 +6,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
@@ -195,7 +196,9 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             ]
             for shares in SHORTER
         ]
-        led = (_grown(problem, shorter, structure, x) for shorter in ladders)
+        led = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+            delayed(_grown)(problem, shorter, structure, x) for shorter in ladders
+        )
         grown = min(refitted, *led, key=lambda found: found.cost)
         if refitted.cost > TRAPPED * grown.cost:
             problem, grown = _shortened(problem, grown, ladders[-1], structure, x)

@@ -27,6 +27,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.valleys import other_valleys
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
+FEW = 2  # models a thread, below which each is linearised by all threads
 FINE = 20  # iterations that bring a leader to convergence
 TWINS = 7  # leaders that are also tried from other values of the simulator's own parameters
 ASUNDER = 0.5  # share of the larger of two values of such a parameter, from which they lie far apart
@@ -248,10 +249,11 @@ def _fitted(
     problem: Problem, models: list[Model], iterations: int, n_jobs, *, rough: bool = True
 ) -> list[Candidate]:
     """Return what a few iterations make of models, best first."""
-    threads_each = effective_n_jobs(n_jobs) // max(len(models), 1)
+    # else the last of a few keeps one thread busy while the others wait
+    threads_each = n_jobs if len(models) < FEW * effective_n_jobs(n_jobs) else 1
 
     def fitted(model: Model) -> Candidate:
-        found = fit(problem, model, iterations=iterations, rough=rough, n_jobs=max(threads_each, 1))
+        found = fit(problem, model, iterations=iterations, rough=rough, n_jobs=threads_each)
         return Candidate(found, problem.n_seen)
 
     found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)

@@ -53,7 +53,7 @@ class Location(NamedTuple):
     force: pd.DataFrame
 
 
-def locate(diagnosis: Diagnosis, random_state=None) -> Location:
+def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -> Location:
     """Locate the mismatch that is left after the simulator's own parameters were refitted."""
     problem, p = diagnosis.problem, diagnosis.refitted.model.p
     simulator = problem.simulator
@@ -64,7 +64,7 @@ def locate(diagnosis: Diagnosis, random_state=None) -> Location:
         for port in ports_of(simulator)
         if port.kind != "state" or not diagnosis.structure.kinematic[port.index]
     ]
-    _, forces = latent_forces(simulator, run, problem.u, problem.y, windows, p, ports=allowed)
+    _, forces = latent_forces(simulator, run, problem.u, problem.y, windows, p, ports=allowed, n_jobs=n_jobs)
     table = port_table(forces, simulator, windows)
     best = next(
         f for f in forces if (f.port.kind, f.port.index) == (table.loc[0, "kind"], table.loc[0, "index"])

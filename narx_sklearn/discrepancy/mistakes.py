@@ -121,7 +121,9 @@ def _boxed(parameter):
     )
 
 
-def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreement | None:
+def agreement(
+    case: Case, *, scaled: bool, start: Model | None = None, n_jobs: int | None = None
+) -> Agreement | None:
     """Refit within the box and return what is left; None where the simulator leaves the finite range.
 
     Parameters
@@ -130,6 +132,8 @@ def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreem
         Whether the output may be scaled (by a positive factor) and shifted as well.
     start : Model, optional
         Where the refit begins; by default with the nominal parameters.
+    n_jobs : int, optional
+        Threads that linearise.
     """
     simulator, windows = case.simulator, case.windows
     n_outputs = case.y.shape[1]
@@ -148,7 +152,8 @@ def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreem
         target = affine.undo(case.y)
         size = noise.sigma / affine.slope
         problem = Problem(simulator, case.u, target, windows, Noise.white(size))
-        fitted = fit(problem, model, iterations=FIT_STEPS if scaled else ALTERNATIONS * FIT_STEPS)
+        steps = FIT_STEPS if scaled else ALTERNATIONS * FIT_STEPS
+        fitted = fit(problem, model, iterations=steps, n_jobs=n_jobs)
         model = fitted.model
         y_sim = problem.run(model).y
     if scaled:
@@ -201,9 +206,9 @@ def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake],
         How well it agrees, scaled.
     """
     found: list[Mistake] = []
-    now = agreement_at_best(case, scaled=True)
+    now = agreement_at_best(case, scaled=True, n_jobs=n_jobs)
     while len(found) < ROUNDS and now is not None:
-        suspects = _suspects(case, now, {mistake.code for mistake in found})
+        suspects = _suspects(case, now, {mistake.code for mistake in found}, n_jobs)
         tried = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(_judge)(m, now) for m in suspects)
         believed = [(mistake, after) for mistake, after in tried if mistake is not None]
         if not believed:
@@ -215,19 +220,19 @@ def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake],
     return found, case, now
 
 
-def agreement_at_best(case: Case, *, scaled: bool) -> Agreement | None:
+def agreement_at_best(case: Case, *, scaled: bool, n_jobs: int | None = None) -> Agreement | None:
     """Return how well a case agrees, the refit begun with the first parts of the windows where it must be.
 
     A machine that turns over, or is unstable, goes anywhere in a long run whose parameters are a little off.
     """
-    whole = agreement(case, scaled=scaled)
+    whole = agreement(case, scaled=scaled, n_jobs=n_jobs)
     if whole is not None and whole.error < EXCUSED:
         return whole
     first, last = case.windows.first, case.windows.last
     shortest = max(SHORTEST, shortest_window(case.simulator))
     parts = np.minimum(last, first + np.maximum((last - first) // PART, shortest))
-    begun = agreement(replace(case, windows=case.windows._replace(last=parts)), scaled=scaled)
-    grown = None if begun is None else agreement(case, scaled=scaled, start=begun.model)
+    begun = agreement(replace(case, windows=case.windows._replace(last=parts)), scaled=scaled, n_jobs=n_jobs)
+    grown = None if begun is None else agreement(case, scaled=scaled, start=begun.model, n_jobs=n_jobs)
     return min((found for found in (whole, grown) if found), key=lambda found: found.error, default=None)
 
 
@@ -245,7 +250,7 @@ def _judge(mistake: Mistake, before: Agreement) -> tuple[Mistake | None, Agreeme
     return mistake._replace(before=before.error, after=after.error, agreeing=agreeing), after
 
 
-def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
+def _suspects(case: Case, now: Agreement, done: set[str], n_jobs: int | None) -> Iterator[Mistake]:
     """Yield the mistakes worth a trial, each with the record in which it is undone."""
     if now.error < EXCUSED:
         return
@@ -260,7 +265,7 @@ def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
             simulator.substeps = int(np.ceil(case.simulator.substeps * factor))
             yield Mistake("time_scale", {"factor": factor}, Case(simulator, case.u, case.y, case.windows))
     if "delayed" not in done:
-        yield from _shifted(case, now)
+        yield from _shifted(case, now, n_jobs)
 
 
 def _flipped(case: Case):
@@ -283,25 +288,27 @@ def _swapped(case: Case):
                 yield Mistake("swapped", {"input": i, "output": j}, Case(case.simulator, u, y, case.windows))
 
 
-def _shifted(case: Case, now: Agreement):
+def _shifted(case: Case, now: Agreement, n_jobs: int | None):
     """Yield columns moved in time by what leaves least after the refit."""
     reach = int((case.windows.last - case.windows.first).min() // 4)
     run = case.simulator.run(case.u, case.windows, _first_states(case))
     for j in range(case.y.shape[1]):
         start = _lag_of(case.y[:, j], run.y[:, j], case.windows, reach)
         moved = partial(_with_output_moved, case, j)
-        samples = _best_shift(moved, start, now.error, reach)
+        samples = _best_shift(moved, start, now.error, reach, n_jobs)
         if samples:
             yield Mistake("delayed", {"output": j, "samples": samples}, moved(samples))
     if case.u.shape[1] > 1:
         for i in range(case.u.shape[1]):
             moved = partial(_with_input_moved, case, i)
-            samples = _best_shift(moved, _lag_of_input(case, i, reach), now.error, reach)
+            samples = _best_shift(moved, _lag_of_input(case, i, reach), now.error, reach, n_jobs)
             if samples:
                 yield Mistake("delayed", {"input": i, "samples": samples}, moved(samples))
 
 
-def _best_shift(moved: Callable[[int], Case], start: int, unmoved: float, reach: int) -> int:
+def _best_shift(
+    moved: Callable[[int], Case], start: int, unmoved: float, reach: int, n_jobs: int | None
+) -> int:
     """Return the shift that leaves least after the refit, by descent from a guess made without it."""
     errors = {0: unmoved}
 
@@ -309,7 +316,7 @@ def _best_shift(moved: Callable[[int], Case], start: int, unmoved: float, reach:
         if abs(samples) > reach:
             return np.inf
         if samples not in errors:
-            after = agreement(moved(samples), scaled=True)
+            after = agreement(moved(samples), scaled=True, n_jobs=n_jobs)
             errors[samples] = np.inf if after is None else after.error
         return errors[samples]
 

@@ -559,7 +559,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
         self._tell("location")
-        self.location_ = locate(diagnosis, self.random_state)
+        self.location_ = locate(diagnosis, self.random_state, self.n_jobs)
         first = self.location_.ports.iloc[0]
         likeliest = Port(first["kind"], int(first["index"]))
         self.findings_ = make_findings(diagnosis, self.level, simulator, likeliest)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 from scipy.stats import t as student
 
 from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce, background, latent_force
@@ -44,6 +45,7 @@ def latent_forces(
     *,
     ports: Sequence[Port] | None = None,
     noise: str = "ar1",
+    n_jobs: int | None = None,
 ) -> tuple[Background, tuple[LatentForce, ...]]:
     """Estimate the latent force at every port of a simulator.
 
@@ -63,6 +65,8 @@ def latent_forces(
         Where to look; everywhere when not given.
     noise : {"ar1", "white"}, default="ar1"
         Colour of the noise.
+    n_jobs : int, optional
+        Threads that look at ports.
 
     Returns
     -------
@@ -72,13 +76,16 @@ def latent_forces(
     linear = tangent(simulator, run, u, windows, p)
     residual = y - run.y
     against = background(linear, residual, windows, noise=noise)
-    forces = []
-    for port in ports_of(simulator) if ports is None else ports:
+
+    def force_at(port: Port) -> LatentForce:
         own = {"input": u, "output": run.y}.get(port.kind)
         arguments = run.x if own is None else own[:, [port.index]]
-        forces.append(
-            latent_force(linear, residual, windows, port, arguments=arguments, noise=noise, against=against)
+        return latent_force(
+            linear, residual, windows, port, arguments=arguments, noise=noise, against=against
         )
+
+    everywhere = ports_of(simulator) if ports is None else ports
+    forces = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(force_at)(port) for port in everywhere)
     return against, tuple(forces)
 
 
