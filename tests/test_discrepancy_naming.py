@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import leaders
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.swaps import exchanges
 from narx_sklearn.discrepancy.verify import Lead, free_run
@@ -464,6 +465,52 @@ class TestLookAlikes:
         base = fit(problem, start)
         spring, gravity = self.springs(base, problem, unit)
         assert likeliest([spring, gravity], 2 * base.cost).effects[0].effect.code == named
+
+    @pytest.mark.parametrize(("unit", "named"), [("cm", "root_outflow"), ("V", "constant_load")])
+    @pytest.mark.parametrize("beside", [True, False])
+    def test_what_a_level_loses_it_loses_through_an_opening(self, unit, named, beside):
+        """Of a level that hardly moves nobody can tell how fast it drains at others."""
+
+        def tank(x, u, p):
+            return (p[0] * u[0] - p[1] * x[0],)
+
+        simulator = ODESimulator(
+            tank,
+            dt=1.0,
+            parameters={f"pump [{unit}/s/V]": 0.5, "outlet [1/s]": 0.05},
+            states=[f"level [{unit}]"],
+            inputs=["drive [V]"],
+        )
+        rng = np.random.default_rng(0)
+        u = 3.0 + 0.1 * levels(rng, 600)
+        leak = PlacedEffect(CATALOGUE["root_outflow"], Port("state", 0), (1.0,), theta=(0.1, 0.5, 0.0))
+        y = simulator.with_effects([leak]).simulate(u, [28.0]) + 0.05 * rng.standard_normal((600, 1))
+        problem = Problem(simulator, u, y, cut([(slice(0, 600), 0)], 60, 12), Noise.white(np.array([0.05])))
+        x0 = y[problem.windows.first]
+        base = fit(problem, fit_initial_states(problem, x0).model)
+        codes = {
+            "root_outflow": (0.1, 0.5, 0.0),
+            "constant_load": (-0.5,),
+            "bilinear_input": (1e-3, 0.0, 0.0),
+        }
+        fitted = []
+        for code, theta in codes.items():
+            second = (1.0, 0.0) if code == "bilinear_input" else ()
+            at = PlacedEffect(
+                CATALOGUE[code], Port("state", 0), (1.0,), second, theta=theta, argument_unit=unit
+            )
+            found = fit(problem, base.model._replace(effects=(at,)))
+            fitted.append(Candidate(found, problem.n_seen))
+        opening, load, gain = fitted
+        assert load.fit.model.effects[0].theta[0] < 0
+        # on this record the two are alike; a third form is a little better, by less than a form is wrong
+        cost = load.fit.cost * np.exp((load.price - opening.price) / problem.n_seen)
+        opening = Candidate(opening.fit._replace(cost=cost), problem.n_seen)
+        gain = Candidate(gain.fit._replace(cost=0.99 * load.fit.cost), problem.n_seen)
+        assert gain.criterion < load.criterion - HARDLY
+        pool = [load, opening, gain] if beside else [load, opening]
+        unexplained = 30 * load.fit.cost
+        assert likeliest(pool, unexplained).effects[0].effect.code == named
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

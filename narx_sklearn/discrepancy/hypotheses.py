@@ -32,6 +32,8 @@ OF_MOTION = {  # effects of things that move, which a level or a temperature doe
     "bouc_wen_hysteresis",
     "prandtl_ishlinskii",
 }
+OF_SURFACES = {"stribeck_friction", "presliding_friction", "load_friction"}  # what slides, and no current
+OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
 LEVELS_ONLY = {"overflow", "root_outflow"}  # effects of levels: no velocity overflows
 
 
@@ -177,6 +179,7 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
     # lost motion is met at inputs, drift at sensors
     misplaced = effect.code in ("backlash", "additive_drift")
+    misplaced = misplaced or (effect.code in OF_SURFACES and unit in OF_CIRCUITS)
     return misplaced or (effect.code in OF_MOTION and (lacks_position or not moves))
 
 

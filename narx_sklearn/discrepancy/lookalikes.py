@@ -19,6 +19,21 @@ DEARER = 4.0  # what each further parameter of a rival must take off the cost, i
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
+OUTFLOW = "root_outflow"
+OF_LEVELS = {
+    "m",
+    "dm",
+    "cm",
+    "mm",
+    "in",
+    "ft",
+    "m^3",
+    "dm^3",
+    "cm^3",
+    "l",
+    "L",
+    "%",
+}  # units of how full it is
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
 
@@ -56,8 +71,23 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
 
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if not any(c is best for c in alike):
-        return likeliest(alike, unexplained)
+        return _or_one_at_home(likeliest(alike, unexplained), candidates)
     return min(alike, key=lambda c: (not _at_home(c), c.n_values, c.criterion))
+
+
+def _or_one_at_home(chosen: Candidate, candidates: list[Candidate]) -> Candidate:
+    """Return what holds a candidate as a special case, is as likely and at home there; else the candidate."""
+    if _at_home(chosen):
+        return chosen
+    near = [
+        c
+        for c in candidates
+        if len(c.effects) == len(chosen.effects)
+        and is_special_case(chosen, c)
+        and c.criterion <= chosen.criterion + ALIKE
+        and _at_home(c)
+    ]
+    return min(near, key=lambda c: c.criterion, default=chosen)
 
 
 def unpaid(best: Candidate, special: Candidate) -> float:
@@ -72,9 +102,13 @@ def unpaid(best: Candidate, special: Candidate) -> float:
 
 
 def _at_home(candidate: Candidate) -> bool:
-    """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart."""
+    """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart.
+
+    An outflow is at home at a level even if they are not: what a level loses, it loses through an opening.
+    """
     return any(
-        effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own)
+        (effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own))
+        or (effect.effect.code == OUTFLOW and effect.argument_unit in OF_LEVELS)
         for effect, own in zip(candidate.effects, candidate.fit.model.theirs, strict=True)
     )
 
@@ -112,17 +146,21 @@ def is_special_case(special: Candidate, general: Candidate) -> bool:
 
 
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
-    """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted."""
-    if effect.effect.amplitude is None:
-        return np.inf
-    effects = candidate.effects
+    """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted.
+
+    Where a record begins inside a loop is no matter of its shape.
+    """
+    effects, kind = candidate.effects, effect.effect
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
     own = candidate.fit.model.theirs[at]
+    fitted = [0 if kind.amplitude is None else kind.amplitude, *([] if kind.begin is None else [kind.begin])]
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
     free[own] = False
-    free[own.start + effect.effect.amplitude] = True
+    free[own.start + np.array(fitted)] = True
     costs = []
-    for theta in starts:
+    for start in starts:
+        theta = np.array(start)
+        theta[fitted] = np.array(effects[at].theta)[fitted]
         model = candidate.fit.model._replace(effects=(*effects[:at], effect.at(theta), *effects[at + 1 :]))
         costs.append(fit(problem, model, free=free, iterations=SETTLED).cost)
     return min(costs, default=np.inf)

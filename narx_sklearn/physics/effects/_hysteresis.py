@@ -207,7 +207,8 @@ HYSTERESIS = (
         argument="position",
         n_memory=1,
         lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
-        holds=("constant_load", "sensor_bias"),  # what never yields is a spring from where one began
+        # what yields at once is a play, what never does a spring from where one began
+        holds=("backlash", "constant_load", "sensor_bias"),
         separate_by="loops at three rates, and minor loops",
         source="Wen 1976, J. Eng. Mech. Div. ASCE 102(2); Ismail, Ikhouane and Rodellar 2009, Arch. Comput. "
         "Methods Eng. 16(2), sec. 2 (bounded for all motions where b + g > 0, that is r > -1)",
