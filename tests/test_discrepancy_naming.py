@@ -322,6 +322,16 @@ class TestPlaces:
             placed = placements(CATALOGUE["coulomb_friction"], simulator, self.structure_of(simulator))
             assert [p.odd for p in placed] == [odd]
 
+    def test_what_slides_is_odd_in_a_circuit_where_a_diode_is_not(self):
+        simulator = make_circuit()
+        for code, odd in (
+            ("presliding_friction", True),
+            ("stribeck_friction", True),
+            ("coulomb_friction", False),
+        ):
+            placed = placements(CATALOGUE[code], simulator, self.structure_of(simulator))
+            assert [p.odd for p in placed if p.port == Port("state", 1)] == [odd]
+
     def test_a_spring_of_a_speed_is_odd_where_no_position_goes_with_it(self):
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
         spring = CATALOGUE["cubic_stiffness"]

@@ -5,6 +5,7 @@ import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.lookalikes import look_alikes
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -66,6 +67,30 @@ class TestOtherValleys:
         assert Candidate(there, problem.n_seen).n_parameters == 2 + 3
         at_an_end = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 1.0),)), iterations=0)
         assert Candidate(at_an_end, problem.n_seen).n_parameters == 2 + 2
+
+
+class TestBesideBacklash:
+    """A sticking valve whose jump is small goes as backlash does."""
+
+    @pytest.mark.parametrize(("noise", "stays"), [(0.2, True), (0.01, False)])
+    def test_it_is_not_excluded_while_an_ordinary_jump_fits_as_well(self, noise, stays):
+        rng = np.random.default_rng(0)
+        made = {"parameters": {"gain": 1.0, "outflow": 0.3}, "states": ["level [m]"], "inputs": ["valve [V]"]}
+        simulator = ODESimulator(tank, dt=0.1, **made)
+        time = 0.1 * np.arange(2000)[:, None]
+        u = sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.11, 0.23, 0.41, 0.67))
+        lost = PlacedEffect(CATALOGUE["backlash"], Port("input", 0), theta=(1.0, 0.02, 0.0, 0.0))
+        y = simulator.with_effects([lost]).simulate(u) + noise * rng.standard_normal((2000, 1))
+        windows = cut([(slice(0, 2000), 0)], 500, 8)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([noise])))
+        model = Model(simulator.nominal, (), np.zeros((windows.count, 1)))
+        play, valve = (
+            Candidate(fit(problem, model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (lost, stiction(0.04, 0.03, 1.0))
+        )
+        place = valve.effects[0].place
+        starts = {place: np.array([[0.1, 0.3, 1.0, 0.0], [0.1, 0.7, 1.0, 0.0]])}
+        assert look_alikes(problem, play, [valve], 0.0, starts) == [play, valve][: 1 + stays]
 
 
 class TestSpreadRound:

@@ -832,6 +832,14 @@ class TestHysteresis:
         np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 1.0), first * (1 - np.exp(-x / first)), atol=2e-3)
         np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 2.0), second * np.tanh(x / second), atol=2e-3)
 
+    def test_bouc_wen_that_yields_at_once_is_backlash(self):
+        """Sharp, it is a stop; what an input keeps after a stop is a play of the same width."""
+        signal = 3.0 * np.sin(np.linspace(0.0, 20.0, 4000))
+        lost = transformed("backlash", signal, [1.0, 0.1, 0.0, 0.0])
+        sharp = transformed("bouc_wen_hysteresis", signal, [1.0, 0.1 * 2.0 ** (1 / 6), 1.0, 6.0])
+        assert np.abs(sharp - lost).max() < 0.02
+        assert np.abs(signal - lost).max() == pytest.approx(0.1)
+
     def test_bouc_wen_hardens_along_its_closed_form(self):
         """r = -3/2, n = 1: dz/dx = 1 + z/2zy up, and 1 + 5z/2zy on the way back."""
         zy, up, back = 0.8, np.linspace(0, 1, 200), np.linspace(1, 0.9, 50)
