@@ -44,7 +44,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     at home there; so it is where the best needs more parameters and adds next to nothing to what it explains,
     since forms are idealised and strong effects show it. Else natural is an effect made for the unit of its
     argument (gravity for an angle, where it is at home), if the data tell its parameters apart (gravity at
-    one angle is a constant load), then fewer parameters.
+    one angle is a constant load), then fewer parameters. An outflow of a level goes before the constant one
+    that it holds.
 
     Parameters
     ----------
