@@ -405,6 +405,15 @@ class TestLookAlikes:
         assert falling.criterion < plain.criterion - HARDLY
         assert likeliest([falling, plain], unexplained) is (plain if enough else falling)
 
+    def test_a_special_case_at_an_odd_place_is_not_enough(self):
+        _, (plain, falling), _ = self.candidates(size=0.3)
+        unexplained = 30 * plain.fit.cost
+        better = plain.fit.cost - 0.004 * (unexplained - plain.fit.cost)
+        falling = Candidate(falling.fit._replace(cost=better), falling.n_samples)
+        model = plain.fit.model._replace(effects=(replace(plain.effects[0], odd=True),))
+        odd = Candidate(plain.fit._replace(model=model), plain.n_samples)
+        assert likeliest([falling, odd], unexplained) is falling
+
     @pytest.mark.parametrize("felt", [True, False])
     def test_what_tangents_do_not_feel_is_paid_for_where_it_helps_all_the_same(self, felt):
         """Stribeck's fall at no speed at all: it helps at some stops, by chance."""
@@ -521,6 +530,26 @@ class TestLookAlikes:
         pool = [load, opening, gain] if beside else [load, opening]
         unexplained = 30 * load.fit.cost
         assert likeliest(pool, unexplained).effects[0].effect.code == named
+
+    def test_a_flat_top_is_a_clip_before_a_sensor_that_stuck_just_there(self):
+        """One peak goes beyond the sensor's range: that it stuck at the very highest value is chance."""
+        rng = np.random.default_rng(0)
+        simulator = make_axis()
+        u = levels(rng, 1500)
+        y = simulator.simulate(u)
+        y = y + 0.01 * np.std(y) * rng.standard_normal(y.shape)
+        position = y[:1200, 0]
+        peak = int(np.argmax(position))
+        away = np.abs(np.arange(1200) - peak) > 60
+        y[:1200, 0] = np.minimum(position, 0.5 * (position[peak] + position[away].max()))
+        effects = ["sensor_clip", "stuck_sensor"]
+        found = DiscrepancyRegressor(simulator, effects=effects, random_state=0).fit(u, y)
+        assert found.findings_[0].effect == "sensor_clip"
+        assert "stuck_sensor" in found.findings_[0].lookalikes
+        fitted = {c.effects[0].effect.code: c for c in found._diagnosis.steps[0].candidates}
+        clip, stuck = fitted["sensor_clip"], fitted["stuck_sensor"]
+        assert stuck.fit.cost < clip.fit.cost + 4.0
+        assert stuck.criterion > clip.criterion + 3.0 * np.log(clip.n_samples)
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

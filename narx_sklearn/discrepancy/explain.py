@@ -106,13 +106,13 @@ class Candidate:
 
         Whether an effect is there was tested; among effects with different numbers of parameters the milder
         price of the former decides, since their shapes are fitted within narrow physical ranges. An effect
-        that one meets elsewhere pays for its odd place. One that acts for a while pays for the samples at
-        which it begins and ends, each chosen among all.
+        that one meets elsewhere pays for its odd place. What acts for a while, or happened once, pays for the
+        samples at which it begins and ends, each chosen among all.
         """
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
-        ends = sum(int(np.isfinite(effect.during).sum()) for effect in self.effects)
+        ends = sum(int(np.isfinite(e.during).sum()) + e.effect.n_instants for e in self.effects)
         return price + 2 * np.log(n) * (ends - self.given)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.generic import LINE
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -56,7 +56,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     fewer = min((c.fit.cost for c in candidates if len(c.effects) < len(best.effects)), default=unexplained)
 
     def is_near(c: Candidate) -> bool:
-        if not is_special_case(c, best):
+        if not is_special_case(c, best) or (odd(c) and not odd(best)):
             return c.criterion <= best.criterion + ALIKE
         added = c.fit.cost - best.fit.cost
         is_simpler = c.n_values < best.n_values
@@ -147,7 +147,7 @@ def is_special_case(special: Candidate, general: Candidate) -> bool:
 
 
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
-    """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted.
+    """Return the least cost of a candidate with one effect of ordinary shape: its own, or its size fitted.
 
     Where a record begins inside a loop is no matter of its shape.
     """
@@ -155,6 +155,9 @@ def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, st
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
     own = candidate.fit.model.theirs[at]
     fitted = [0 if kind.amplitude is None else kind.amplitude, *([] if kind.begin is None else [kind.begin])]
+    shape, ordinary = (np.delete(values, fitted, axis=-1) for values in (np.array(effects[at].theta), starts))
+    if len(starts) and np.all((ordinary.min(axis=0) <= shape) & (shape <= ordinary.max(axis=0))):
+        return candidate.fit.cost
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
     free[own] = False
     free[own.start + np.array(fitted)] = True

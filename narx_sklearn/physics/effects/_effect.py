@@ -98,6 +98,8 @@ class Effect:
     begin : int or None
         Index of the parameter that tells in which state its memory begins; like initial states it has no
         price where effects are compared.
+    n_instants : int
+        How many parameters are times at which something happened once: each is chosen among all samples.
     n_memory : int
         States of its own.
     jumps : bool
@@ -163,6 +165,7 @@ class Effect:
     amplitude: int | None = 0
     levels: tuple[int, ...] = ()
     begin: int | None = None
+    n_instants: int = 0
     n_memory: int = 0
     jumps: bool = False
     after: bool = False

@@ -188,6 +188,7 @@ SENSOR = (
         sentence="For a while the sensor shows the same value.",
         equation="s(t0) for t0 <= t < t0 + D, with t from the beginning of the record",
         parameters=(EffectParameter("t0", "s", 0.0), EffectParameter("D", "s", 0.0)),
+        n_instants=2,
         starts=_stuck_starts,
         transform=_stuck_transform,
         input_port=False,
