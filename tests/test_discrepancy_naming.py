@@ -551,6 +551,28 @@ class TestLookAlikes:
         assert stuck.fit.cost < clip.fit.cost + 4.0
         assert stuck.criterion > clip.criterion + 3.0 * np.log(clip.n_samples)
 
+    @pytest.mark.parametrize("ahead", [True, False])
+    def test_of_two_names_for_one_law_the_likelier_is_told(self, ahead):
+        """Many slip elements are Prandtl-Ishlinskii's, and what rubs before it slides."""
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+        loops, rubbing = (
+            PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=theta)
+            for code, theta in (
+                ("prandtl_ishlinskii", (1.0, 0.1, 0.0, 0.0)),
+                ("presliding_friction", (0.3, 0.05, 1.5, 0.3, 0.01)),
+            )
+        )
+        many, few = (
+            Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (replace(rubbing, weights=(0.0, 1.0)), loops)
+        )
+        assert many.n_values > few.n_values
+        near = few.criterion + (-1.0 if ahead else 1.0) - many.criterion
+        cost = many.fit.cost * np.exp(near / problem.n_seen)
+        many = Candidate(many.fit._replace(cost=cost), problem.n_seen)
+        assert likeliest([few, many], 2 * base.cost) is (many if ahead else few)
+
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)
         pairs = []

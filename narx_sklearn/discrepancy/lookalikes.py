@@ -45,7 +45,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     since forms are idealised and strong effects show it. Else natural is an effect made for the unit of its
     argument (gravity for an angle, where it is at home), if the data tell its parameters apart (gravity at
     one angle is a constant load), then fewer parameters. An outflow of a level goes before the constant one
-    that it holds.
+    that it holds, and of two names for one law the likelier, however many parameters it has.
 
     Parameters
     ----------
@@ -71,24 +71,23 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         return any(is_special_case(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
 
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
-    if not any(c is best for c in alike):
-        return _or_one_at_home(likeliest(alike, unexplained), candidates)
-    return min(alike, key=lambda c: (not _at_home(c), c.n_values, c.criterion))
+    if any(c is best for c in alike):
+        chosen = min(alike, key=lambda c: (not _at_home(c), c.n_values, c.criterion))
+    else:
+        chosen = likeliest(alike, unexplained)
+    better = [c for c in candidates if _is_better_name(c, chosen)]
+    return min(better, key=lambda c: c.criterion, default=chosen)
 
 
-def _or_one_at_home(chosen: Candidate, candidates: list[Candidate]) -> Candidate:
-    """Return what holds a candidate as a special case, is as likely and at home there; else the candidate."""
-    if _at_home(chosen):
-        return chosen
-    near = [
-        c
-        for c in candidates
-        if len(c.effects) == len(chosen.effects)
-        and is_special_case(chosen, c)
-        and c.criterion <= chosen.criterion + ALIKE
-        and _at_home(c)
-    ]
-    return min(near, key=lambda c: c.criterion, default=chosen)
+def _is_better_name(other: Candidate, chosen: Candidate) -> bool:
+    """Tell whether a set is at home where the chosen is its special case, or is likelier and the same law."""
+    if len(other.effects) != len(chosen.effects) or odd(other):
+        return False
+    rival = declared_rival(chosen, other)
+    if rival is not None and is_one_law(chosen, rival):
+        return other.criterion < chosen.criterion
+    near = other.criterion <= chosen.criterion + ALIKE
+    return near and is_special_case(chosen, other) and _at_home(other) and not _at_home(chosen)
 
 
 def unpaid(best: Candidate, special: Candidate) -> float:
