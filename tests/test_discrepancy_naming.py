@@ -392,6 +392,14 @@ class TestLookAlikes:
         problem, (plain, falling), starts = self.candidates(size=0.002)
         assert look_alikes(problem, plain, [falling], 0.0, starts) == [plain, falling]
 
+    def test_a_special_case_in_the_midst_of_ordinary_shapes_excludes_them(self):
+        """Friction alike in both directions lies between those that rub more in one."""
+        problem, (plain, _), _ = self.candidates(size=0.3)
+        uneven = friction(0.3, "asymmetric_friction", (0.0,))
+        other = Candidate(fit(problem, plain.fit.model._replace(effects=(uneven,))), problem.n_seen)
+        starts = {uneven.place: np.array([[0.3, 0.5], [0.3, -0.5]])}
+        assert look_alikes(problem, plain, [other], 0.0, starts) == [plain]
+
     def test_of_two_alike_the_one_with_fewer_parameters_is_named(self):
         _, (plain, falling), _ = self.candidates(size=0.3)
         assert likeliest([falling, plain], 2 * plain.fit.cost) is plain

@@ -5,7 +5,7 @@ import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.explain import Candidate
-from narx_sklearn.discrepancy.lookalikes import _least_cost, look_alikes
+from narx_sklearn.discrepancy.lookalikes import look_alikes
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -91,15 +91,6 @@ class TestBesideBacklash:
         place = valve.effects[0].place
         starts = {place: np.array([[0.1, 0.3, 1.0, 0.0], [0.1, 0.7, 1.0, 0.0]])}
         assert look_alikes(problem, play, [valve], 0.0, starts) == [play, valve][: 1 + stays]
-
-    def test_its_own_shape_may_be_ordinary(self, sticking):
-        problem, model = sticking
-        there = Candidate(fit(problem, model._replace(effects=(stiction(*TRUE),))), problem.n_seen)
-        (valve,) = there.effects
-        ordinary = np.array([[0.1, 0.2, 0.0, 0.0], [0.1, 0.7, 1.0, 0.0]])
-        assert _least_cost(problem, there, valve, ordinary) == there.fit.cost
-        other = np.array([[0.1, 0.7, 0.0, 0.0], [0.1, 1.0, 1.0, 0.0]])
-        assert _least_cost(problem, there, valve, other) > 1.05 * there.fit.cost
 
 
 class TestSpreadRound:

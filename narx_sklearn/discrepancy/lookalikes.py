@@ -146,7 +146,7 @@ def is_special_case(special: Candidate, general: Candidate) -> bool:
 
 
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
-    """Return the least cost of a candidate with one effect of ordinary shape: its own, or its size fitted.
+    """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted.
 
     Where a record begins inside a loop is no matter of its shape.
     """
@@ -154,9 +154,6 @@ def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, st
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
     own = candidate.fit.model.theirs[at]
     fitted = [0 if kind.amplitude is None else kind.amplitude, *([] if kind.begin is None else [kind.begin])]
-    shape, ordinary = (np.delete(values, fitted, axis=-1) for values in (np.array(effects[at].theta), starts))
-    if len(starts) and np.all((ordinary.min(axis=0) <= shape) & (shape <= ordinary.max(axis=0))):
-        return candidate.fit.cost
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
     free[own] = False
     free[own.start + np.array(fitted)] = True
