@@ -25,9 +25,8 @@ def tank(x, u, p):
     return (p[0] * u[0] - p[1] * x[0],)
 
 
-@pytest.fixture(scope="module")
-def sticking() -> tuple[Problem, Model]:
-    """A tank whose valve sticks, and the model without that."""
+def problem_of(effect, noise) -> tuple[Problem, Model]:
+    """Return a tank with an effect at its valve, recorded with noise, and the model without the effect."""
     rng = np.random.default_rng(0)
     simulator = ODESimulator(
         tank,
@@ -39,10 +38,17 @@ def sticking() -> tuple[Problem, Model]:
     )
     time = 0.1 * np.arange(2000)[:, None]
     u = sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.11, 0.23, 0.41, 0.67))
-    y = simulator.with_effects([stiction(*TRUE)]).simulate(u) + 0.02 * rng.normal(size=(2000, 1))
+    y = simulator.with_effects([effect]).simulate(u) + noise * rng.normal(size=(2000, 1))
     windows = cut([(slice(0, 2000), 0)], 500, 8)
-    problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.02])))
-    return problem, fit(problem, Model(simulator.nominal, (), np.zeros((windows.count, 1)))).model
+    problem = Problem(simulator, u, y, windows, Noise.white(np.array([noise])))
+    return problem, Model(simulator.nominal, (), np.zeros((windows.count, 1)))
+
+
+@pytest.fixture(scope="module")
+def sticking() -> tuple[Problem, Model]:
+    """A tank whose valve sticks, and the fitted model without that."""
+    problem, model = problem_of(stiction(*TRUE), 0.02)
+    return problem, fit(problem, model).model
 
 
 class TestOtherValleys:
@@ -74,16 +80,8 @@ class TestBesideBacklash:
 
     @pytest.mark.parametrize(("noise", "stays"), [(0.2, True), (0.01, False)])
     def test_it_is_not_excluded_while_an_ordinary_jump_fits_as_well(self, noise, stays):
-        rng = np.random.default_rng(0)
-        made = {"parameters": {"gain": 1.0, "outflow": 0.3}, "states": ["level [m]"], "inputs": ["valve [V]"]}
-        simulator = ODESimulator(tank, dt=0.1, **made)
-        time = 0.1 * np.arange(2000)[:, None]
-        u = sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.11, 0.23, 0.41, 0.67))
         lost = PlacedEffect(CATALOGUE["backlash"], Port("input", 0), theta=(1.0, 0.02, 0.0, 0.0))
-        y = simulator.with_effects([lost]).simulate(u) + noise * rng.standard_normal((2000, 1))
-        windows = cut([(slice(0, 2000), 0)], 500, 8)
-        problem = Problem(simulator, u, y, windows, Noise.white(np.array([noise])))
-        model = Model(simulator.nominal, (), np.zeros((windows.count, 1)))
+        problem, model = problem_of(lost, noise)
         play, valve = (
             Candidate(fit(problem, model._replace(effects=(effect,))), problem.n_seen)
             for effect in (lost, stiction(0.04, 0.03, 1.0))

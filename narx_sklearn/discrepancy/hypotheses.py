@@ -179,8 +179,8 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
     # lost motion is met at inputs, drift at sensors
     misplaced = effect.code in ("backlash", "additive_drift")
-    misplaced = misplaced or (effect.code in OF_SURFACES and unit in OF_CIRCUITS)
-    return misplaced or (effect.code in OF_MOTION and (lacks_position or not moves))
+    slides = effect.code in OF_SURFACES and unit in OF_CIRCUITS
+    return misplaced or slides or (effect.code in OF_MOTION and (lacks_position or not moves))
 
 
 def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):

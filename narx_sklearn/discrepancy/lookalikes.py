@@ -19,21 +19,6 @@ DEARER = 4.0  # what each further parameter of a rival must take off the cost, i
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
-OUTFLOW = "root_outflow"
-OF_LEVELS = {
-    "m",
-    "dm",
-    "cm",
-    "mm",
-    "in",
-    "ft",
-    "m^3",
-    "dm^3",
-    "cm^3",
-    "l",
-    "L",
-    "%",
-}  # units of how full it is
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
 
@@ -104,11 +89,11 @@ def unpaid(best: Candidate, special: Candidate) -> float:
 def _at_home(candidate: Candidate) -> bool:
     """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart.
 
-    An outflow is at home at a level even if they are not: what a level loses, it loses through an opening.
+    Where the unit tells that it belongs to such machines, it is at home even if they are not.
     """
     return any(
         (effect.effect.argument_units == (effect.argument_unit,) and _told_apart(candidate, own))
-        or (effect.effect.code == OUTFLOW and effect.argument_unit in OF_LEVELS)
+        or effect.argument_unit in effect.effect.native_units
         for effect, own in zip(candidate.effects, candidate.fit.model.theirs, strict=True)
     )
 

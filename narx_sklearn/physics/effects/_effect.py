@@ -136,6 +136,9 @@ class Effect:
         stays near its start; 0 for none.
     argument_units : tuple of str
         Units one of which the argument must have where its unit is known (an angle); empty for any.
+    native_units : tuple of str
+        Units of an argument that tell the machines to which it belongs: there it goes before what it holds,
+        also where its parameters cannot be told apart.
 
     Examples
     --------
@@ -179,6 +182,7 @@ class Effect:
     phi: Any = None
     narx_terms: str = ""
     argument_units: tuple[str, ...] = ()
+    native_units: tuple[str, ...] = ()
     scan: Any = None
     valleys: int = 0
 

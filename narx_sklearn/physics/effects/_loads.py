@@ -18,6 +18,7 @@ from narx_sklearn.physics.effects._starts import (
 SMALLEST_TURN = 0.05  # rad: below it the sine of an angle is the angle
 QUARTER = 0.5 * np.pi
 TURN = 2 * np.pi
+OF_LEVELS = ("m", "dm", "cm", "mm", "in", "ft", "m^3", "dm^3", "cm^3", "l", "L", "%")  # how full it is
 WAVES = np.concatenate([np.arange(1.0, 8.0, 0.5), np.arange(8.0, 17.0)])  # in the range of the angle
 
 
@@ -237,6 +238,7 @@ LOADS = (
         force=_root_outflow,
         lookalikes=("sensor_bias", "constant_load", "overflow"),
         holds=("constant_load", "quadratic_stiffness"),
+        native_units=OF_LEVELS,  # what a level loses, it loses through an opening
         separate_by="draining from full to empty",
         source="Schoukens and Noel 2017, IFAC-PapersOnLine 50(1), sec. 4; Torricelli 1644",
         phi=_root_outflow_phi,
