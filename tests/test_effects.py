@@ -12,7 +12,9 @@ from scipy.optimize import least_squares
 from scipy.signal import lsim
 
 from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.kernels import FORCE
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics import play
 from narx_sklearn.physics.effects import (
@@ -434,6 +436,19 @@ class TestRuns:
             difference = _size(changed - run) / _size(run)
             assert 1e-4 < difference < 3
 
+    @pytest.mark.parametrize("effect", [e for e in FORCES if not e.after], ids=by_code)
+    def test_a_run_is_the_same_where_the_kernel_looks_for_anything_special(
+        self, oscillator, effect, ordinary
+    ):
+        u = np.column_stack([20 * wideband(), 20.0 + wideband(seed=2)])
+        whole, at_rest = Windows.whole([slice(0, 1200)]), np.zeros((1, 2))
+        limit = placed_on_mass(CATALOGUE["overflow"], [0.0, 0.0])  # acts after each step, here at no strength
+        for theta in starts_of(effect, ordinary, ordinary)[:2]:
+            acting = placed_on_mass(effect, theta)
+            alone = oscillator.run(u, whole, at_rest, effects=[acting])
+            beside = oscillator.run(u, whole, at_rest, effects=[acting, limit], strength=[1.0, 0.0])
+            np.testing.assert_array_equal(alone.x, beside.x)
+
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
@@ -527,7 +542,6 @@ class TestRuns:
 
 
 def _whole(n):
-    from narx_sklearn.discrepancy.simulator import Windows
 
     return Windows.whole([slice(0, n)]), np.zeros((1, 2))
 
@@ -1149,6 +1163,10 @@ def a_magnet(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] / (1.0 + argument * argument)
 
 
+def a_magnet_of_arrays(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[:1].sum() / (1.0 + argument * argument) + z.size - dz.size
+
+
 def one_start(setting):
     return np.array([[0.5]])
 
@@ -1196,6 +1214,20 @@ class TestRegistry:
         u = np.column_stack([wideband(), np.zeros(1200)])
         run = oscillator.with_effects([placed_on_mass(make(argument="position"), [2.0])]).simulate(u)
         assert np.mean(run) > np.mean(oscillator.simulate(u)) + 0.01
+
+    def test_a_force_may_take_its_arrays_whole(self, oscillator):
+        u = np.column_stack([wideband(), np.zeros(1200)])
+        runs = [
+            oscillator.with_effects([placed_on_mass(make(force=force, argument="position"), [2.0])]).simulate(
+                u
+            )
+            for force in (a_magnet, a_magnet_of_arrays)
+        ]
+        np.testing.assert_allclose(*runs, rtol=1e-9)
+
+    @pytest.mark.parametrize("effect", FORCES, ids=by_code)
+    def test_forces_of_the_catalogue_need_no_arrays_made(self, effect):
+        effect.force.compile(FORCE.args)  # raises where it asks its arrays for more than their values
 
     def test_the_catalogue_itself_stays(self):
         with pytest.raises(ValueError, match="belongs to the package"):

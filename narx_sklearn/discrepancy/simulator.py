@@ -14,10 +14,8 @@ from narx_sklearn.discrepancy.kernels import (
     MAX_MEMORY,
     MAX_THETA,
     SPILL,
-    compiled_force,
     equation_address,
     force_address,
-    no_force,
     simulate_windows,
 )
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
@@ -186,6 +184,7 @@ class Simulator(ABC):
         middle = np.full((n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
         equation, output = self._equations()
         p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
+        is_special = self.discrete or len(self.switches[0]) > 0 or any(_is_special(e) for e, _ in forces)
         try:
             failed = simulate_windows()(
                 equation_address(equation),
@@ -204,6 +203,7 @@ class Simulator(ABC):
                 self.substeps,
                 self.linear_hold,
                 self.discrete,
+                is_special or None,
                 y,
                 x,
                 z,
@@ -335,12 +335,17 @@ def _stopped_by(error: Exception, x: np.ndarray, windows: Windows, dt: float) ->
     )
 
 
+def _is_special(placed: PlacedEffect) -> bool:
+    """Tell whether a force does more than act in its own state equation (and onward)."""
+    return placed.effect.after or placed.inertial or placed.through >= 0 or placed.answer > 0
+
+
 def _slots(forces, n_inputs: int, n_states: int):
     """Return the effects at state equations as the arrays the kernel takes."""
     n = len(forces)
     if n > MAX_EFFECTS:
         raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
-    functions = [compiled_force(placed.effect.force) for placed, _ in forces]
+    addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
     jumps, after, sticks, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(4))
@@ -351,6 +356,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
+        addresses[i] = force_address(effect.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last
@@ -362,8 +368,6 @@ def _slots(forces, n_inputs: int, n_states: int):
         theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
-    functions += [no_force()] * (MAX_EFFECTS - n)
-    addresses = np.array([force_address(function) for function in functions], dtype=np.int64)
     flags = jumps, after, sticks, inertial
     ways = port, onward, through
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends

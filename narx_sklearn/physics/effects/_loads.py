@@ -41,7 +41,8 @@ def _turn(setting: Setting) -> float:
 
 @kernel
 def _ripple(angle, N, p, r):
-    return np.sin(N * angle + p) + r * np.sin(2.0 * N * angle + p)
+    first = np.sin(N * angle + p)
+    return first if r == 0.0 else first + r * np.sin(2.0 * N * angle + p)
 
 
 @kernel
