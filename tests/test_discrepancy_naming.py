@@ -7,11 +7,18 @@ import pytest
 from driven_axis import make_axis
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, explain, verify
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, diagnosis, explain, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.diagnosis import _decide, _Leftover, _lengthened, _without_refinement
+from narx_sklearn.discrepancy.diagnosis import (
+    FORM,
+    _decide,
+    _Leftover,
+    _lengthened,
+    _named_by_reach,
+    _without_refinement,
+)
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
@@ -580,6 +587,58 @@ class TestLookAlikes:
         cost = many.fit.cost * np.exp(near / problem.n_seen)
         many = Candidate(many.fit._replace(cost=cost), problem.n_seen)
         assert likeliest([few, many], 2 * base.cost) is (many if ahead else few)
+
+    @pytest.mark.parametrize(
+        ("reach", "left", "named"),
+        [
+            (0.5, 0.5, "presliding_friction"),
+            (2.0, 0.5, "prandtl_ishlinskii"),  # they go on over the whole motion
+            (0.5, 2.0, "prandtl_ishlinskii"),  # friction of the usual form leaves too much
+        ],
+    )
+    def test_slip_elements_are_friction_where_all_let_go_well_within_the_motion(
+        self, reach, left, named, monkeypatch
+    ):
+        monkeypatch.setattr(diagnosis, "converged", lambda problem, candidate, n_jobs: candidate)
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+        spread = np.std(problem.run(base.model).x[problem.rows[problem.inside]][:, 0])
+        loops, rubbing = (
+            PlacedEffect(CATALOGUE[code], Port("state", 1), weights, theta=theta)
+            for code, weights, theta in (
+                ("prandtl_ishlinskii", (1.0, 0.0), (1e-6, reach * spread, 0.0, 0.0)),
+                ("presliding_friction", (0.0, 1.0), (0.3, 0.05, 1.5, 0.3, 0.01)),
+            )
+        )
+        models = (base.model._replace(effects=(effect,)) for effect in (loops, rubbing))
+        loops, rubbing = (Candidate(fit(problem, model, iterations=0), problem.n_seen) for model in models)
+        unexplained = 2 * loops.fit.cost
+        cost = loops.fit.cost * (1.0 + left * FORM)
+        rubbing = Candidate(rubbing.fit._replace(cost=cost), problem.n_seen)
+        found = _named_by_reach(problem, loops, [loops, rubbing], unexplained, None)
+        assert found.effects[0].effect.code == named
+
+    @pytest.mark.parametrize(("port", "enough"), [(1, True), (0, False)])
+    def test_what_acts_elsewhere_with_as_many_parameters_is_no_special_case(self, port, enough):
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+        play, loops = (
+            PlacedEffect(CATALOGUE[code], Port("state", at), (1.0, 0.0), theta=theta)
+            for code, at, theta in (
+                ("backlash", port, (1.0, 0.05, 0.5, 0.0)),
+                ("prandtl_ishlinskii", 1, (1.0, 0.1, 0.0, 0.0)),
+            )
+        )
+        play, loops = (
+            Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (play, loops)
+        )
+        assert play.n_values == loops.n_values
+        ahead = loops.criterion + 0.5 * HARDLY - play.criterion
+        play = Candidate(
+            play.fit._replace(cost=play.fit.cost * np.exp(ahead / problem.n_seen)), problem.n_seen
+        )
+        assert likeliest([loops, play], 2 * base.cost) is (play if enough else loops)
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

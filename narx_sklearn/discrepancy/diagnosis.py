@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.lookalikes import (
     REFINES,
     declared_rival,
     is_a_change,
+    is_one_law,
     likeliest,
     look_alikes,
 )
@@ -317,7 +318,10 @@ def _named(
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
     best = converged(problem, best, settings.n_jobs)
-    found = _judged(problem, refitted, best, pool, steps, structure, settings)
+    named = _named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
+    found = _judged(problem, refitted, named, pool, steps, structure, settings)
+    if found.verdict == "unknown" and named is not best:
+        found = _judged(problem, refitted, best, pool, steps, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
         # what goes with it has no name; the effect that explains most may have one (a drift goes anywhere)
@@ -364,6 +368,27 @@ def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: flo
         ]
         if fewer:
             return likeliest(fewer, unexplained)
+    return best
+
+
+def _named_by_reach(
+    problem: Problem, best: Candidate, pool: list[Candidate], unexplained: float, n_jobs
+) -> Candidate:
+    """Return a set under the name that its law has in a motion of this size, where that fits as well.
+
+    Slip elements are the friction of a body where all of them let go within the motion's standard deviation.
+    """
+    x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
+    for effect in best.effects:
+        at, kept = effect.effect.reach, best.places - {effect.place}
+        if at is None or effect.port.kind != "state" or effect.theta[at] > np.std(x @ effect.weights):
+            continue
+        rivals = [(c, declared_rival(best, c)) for c in pool if kept <= c.places and not odd(c)]
+        named = [converged(problem, c, n_jobs) for c, rival in rivals if rival and is_one_law(best, rival)]
+        without = min((c.fit.cost for c in pool if c.places == kept), default=unexplained)
+        as_good = [c for c in named if c.fit.cost - best.fit.cost <= FORM * (without - best.fit.cost)]
+        if as_good:
+            return min(as_good, key=lambda c: c.criterion)
     return best
 
 

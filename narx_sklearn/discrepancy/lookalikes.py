@@ -53,7 +53,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
 
     def is_given_up(c: Candidate) -> bool:
-        return any(is_special_case(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
+        return any(_is_enough(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
 
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if any(c is best for c in alike):
@@ -62,6 +62,16 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
         chosen = likeliest(alike, unexplained)
     better = [c for c in candidates if _is_better_name(c, chosen)]
     return min(better, key=lambda c: c.criterion, default=chosen)
+
+
+def _is_enough(special: Candidate, general: Candidate) -> bool:
+    """Tell whether a set is a special case of another, and simpler or at the same ports.
+
+    What is no simpler and acts elsewhere is no edge of it.
+    """
+    ports = [{effect.port for effect in c.effects} for c in (special, general)]
+    is_simpler = special.n_values < general.n_values
+    return is_special_case(special, general) and (is_simpler or ports[0] == ports[1])
 
 
 def _is_better_name(other: Candidate, chosen: Candidate) -> bool:

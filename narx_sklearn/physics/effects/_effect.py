@@ -118,6 +118,10 @@ class Effect:
         Codes of the effects that it becomes at an edge of its parameters.
     same_law : tuple of str
         Codes of the effects whose law it is too, under the name that it has in other machines.
+    reach : int or None
+        Index of the parameter that tells after how long a move all of its memory has slipped, in the
+        argument's unit. Within a motion that goes further it is a body's friction, and has the name that its
+        law has there; where it goes on over the whole motion it is a material's hysteresis.
     separate_by : str
         The excitation that tells it apart.
     source : str
@@ -177,6 +181,7 @@ class Effect:
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
     same_law: tuple[str, ...] = ()
+    reach: int | None = None
     separate_by: str = ""
     source: str = ""
     phi: Any = None

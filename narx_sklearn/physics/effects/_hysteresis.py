@@ -237,6 +237,7 @@ HYSTERESIS = (
         lookalikes=("bouc_wen_hysteresis", "backlash", "presliding_friction", "creep"),
         holds=("backlash", "constant_load", "sensor_bias"),
         same_law=("presliding_friction",),  # of many slip elements (Lampaert, Al-Bender and Swevers 2003)
+        reach=1,
         separate_by="first-order reversal curves",
         source="Kuhnen 2003, Eur. J. Control 9(4), sec. 2; Visintin 1994, Differential Models of Hysteresis",
         phi=_prandtl_ishlinskii_phi,
