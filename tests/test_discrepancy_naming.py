@@ -326,8 +326,10 @@ class TestPlaces:
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
         for state, odd in (("level [m]", True), ("speed [rad/s]", False), ("level", False)):
             simulator = ODESimulator(tank, states=[state], **made)
-            placed = placements(CATALOGUE["coulomb_friction"], simulator, self.structure_of(simulator))
-            assert [p.odd for p in placed] == [odd]
+            rubbing = replace(CATALOGUE["coulomb_friction"], code="rubbing")  # a user's own says so itself
+            for effect in (CATALOGUE["coulomb_friction"], rubbing):
+                placed = placements(effect, simulator, self.structure_of(simulator))
+                assert [p.odd for p in placed] == [odd]
 
     def test_what_slides_is_odd_in_a_circuit_where_a_diode_is_not(self):
         simulator = make_circuit()

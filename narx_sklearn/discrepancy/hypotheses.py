@@ -15,26 +15,8 @@ from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
-READ_OFF = {"quantisation"}
-OF_MOTION = {  # effects of things that move, which a level or a temperature does not
-    "viscous_damping",
-    "coulomb_friction",
-    "asymmetric_friction",
-    "stribeck_friction",
-    "presliding_friction",
-    "load_friction",
-    "quadratic_drag",
-    "backlash",
-    "clearance",
-    "cubic_stiffness",
-    "quadratic_stiffness",
-    "bilinear_stiffness",
-    "bouc_wen_hysteresis",
-    "prandtl_ishlinskii",
-}
-OF_SURFACES = {"stribeck_friction", "presliding_friction", "load_friction"}  # what slides, and no current
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
-LEVELS_ONLY = {"overflow", "root_outflow"}  # effects of levels: no velocity overflows
+OF_MOTION = ("motion", "surfaces")
 
 
 class Hypothesis(NamedTuple):
@@ -83,7 +65,7 @@ def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothes
     # what is read off the measured values themselves (their steps, their repeats) is no residual
     tuned = (
         np.zeros(len(starts), dtype=bool)
-        if effect.code in READ_OFF
+        if effect.read_off
         else ~np.array([any(np.array_equal(row, b) for b in blind) for row in starts], dtype=bool)
     )
     return Hypothesis(
@@ -124,7 +106,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
             places.append(placed_at(effect, Port("output", i), Argument((), *signal)))
     if "state" in effect.ports:
         for i in np.flatnonzero(~structure.kinematic).tolist():
-            if effect.code in LEVELS_ONLY and structure.partner[i] >= 0:
+            if effect.met_on == "levels" and structure.partner[i] >= 0:
                 continue
             odd = _is_odd(effect, i, simulator, structure)
             for argument in arguments(effect.argument, i, simulator, structure):
@@ -133,7 +115,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                     continue
                 placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
                 places += [placed, *_beside_inputs(placed, simulator, structure)]
-            if simulator.discrete and effect.argument == "own" and effect.code in OF_MOTION:
+            if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
     return [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
@@ -177,10 +159,10 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     unit, has_position = simulator.states[i].unit, structure.partner[i] >= 0
     moves = has_position or unit.endswith("/s") or not unit
     lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
-    # lost motion is met at inputs, drift at sensors
-    misplaced = effect.code in ("backlash", "additive_drift")
-    slides = effect.code in OF_SURFACES and unit in OF_CIRCUITS
-    return misplaced or slides or (effect.code in OF_MOTION and (lacks_position or not moves))
+    slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS
+    return (
+        effect.met_at is not None or slides or (effect.met_on in OF_MOTION and (lacks_position or not moves))
+    )
 
 
 def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):

@@ -211,6 +211,8 @@ CLEARANCE = (
         argument="any",
         n_memory=N_GAPS + 1,
         jumps=True,
+        met_on="motion",
+        met_at="input",
         lookalikes=(
             "coulomb_friction",
             "dead_zone",
@@ -257,6 +259,7 @@ CLEARANCE = (
         starts=_clearance_starts,
         force=_clearance,
         argument="position",
+        met_on="motion",
         lookalikes=("cubic_stiffness", "backlash", "bilinear_stiffness"),
         holds=("bilinear_stiffness",),
         separate_by="amplitudes below and above the gap",

@@ -193,6 +193,7 @@ DRIFT = (
         transform=_additive_drift_transform,
         input_port=False,
         argument="none",
+        met_at="output",
         lookalikes=("gain_drift", "sensor_bias", "creep", "constant_load", "coupling"),
         holds=("sensor_bias", "constant_load"),
         separate_by="holding the input at zero, or a second sensor",

@@ -8,6 +8,7 @@ import numpy as np
 
 PORTS = ("input", "state", "output")
 ARGUMENTS = ("none", "own", "position", "any")
+MET_ON = ("anything", "motion", "surfaces", "levels")
 SECONDS = (None, "input", "channel", "drive", "feed")
 MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
 MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
@@ -110,6 +111,15 @@ class Effect:
     last : bool
         Whether its force answers all else that acts in its equation, as what holds a body at rest does, so
         that it is asked last.
+    met_on : {"anything", "motion", "surfaces", "levels"}
+        What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
+        the state equation of something else it is odd there, and pays for that. An effect of levels is not
+        tried on anything else.
+    met_at : {None, "input", "output"}
+        Where it is met, if not in state equations: there it is odd too (lost motion lies before a machine).
+    read_off : bool
+        Whether starting values that need measured values read them off these alone, not off what a simulation
+        leaves of them.
     onward : bool
         Whether what is lost at the port may go on to another state; the share is then a parameter of its own.
     lookalikes : tuple of str
@@ -177,6 +187,9 @@ class Effect:
     jumps: bool = False
     after: bool = False
     last: bool = False
+    met_on: str = "anything"
+    met_at: str | None = None
+    read_off: bool = False
     onward: bool = False
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()

@@ -206,6 +206,7 @@ HYSTERESIS = (
         output_port=False,
         argument="position",
         n_memory=1,
+        met_on="motion",
         lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
         # what yields at once is a play, what never does a spring from where one began
         holds=("backlash", "constant_load", "sensor_bias"),
@@ -234,6 +235,7 @@ HYSTERESIS = (
         argument="position",
         n_memory=N_PLAYS + 1,
         jumps=True,
+        met_on="motion",
         lookalikes=("bouc_wen_hysteresis", "backlash", "presliding_friction", "creep"),
         holds=("backlash", "constant_load", "sensor_bias"),
         same_law=("presliding_friction",),  # of many slip elements (Lampaert, Al-Bender and Swevers 2003)

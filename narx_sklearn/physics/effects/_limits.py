@@ -208,6 +208,7 @@ LIMITS = (
         after=True,
         last=True,
         onward=True,
+        met_on="levels",
         lookalikes=("sensor_clip", "root_outflow", "clearance"),
         separate_by="timing the fall after the flat top",
         source="Schoukens and Noel 2017, IFAC-PapersOnLine 50(1), sec. 4 (cascaded tanks)",

@@ -220,6 +220,7 @@ LOADS = (
         parameters=(EffectParameter("c2", "{port}/({arg})^2", 0.0),),
         starts=_quadratic_drag_starts,
         force=_quadratic_drag,
+        met_on="motion",
         lookalikes=("viscous_damping",),
         separate_by="a free decay, or two amplitudes",
         source="Morison, O'Brien, Johnson and Schaaf 1950, J. Petrol. Technol. 2(5), drag term",
@@ -237,6 +238,7 @@ LOADS = (
         ),
         starts=_root_outflow_starts,
         force=_root_outflow,
+        met_on="levels",
         lookalikes=("sensor_bias", "constant_load", "overflow"),
         holds=("constant_load", "quadratic_stiffness"),
         native_units=OF_LEVELS,  # what a level loses, it loses through an opening

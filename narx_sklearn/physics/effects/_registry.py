@@ -12,6 +12,7 @@ from narx_sklearn.physics.effects._effect import (
     ARGUMENTS,
     MAX_MEMORY,
     MAX_PARAMETERS,
+    MET_ON,
     SECONDS,
     Effect,
     Setting,
@@ -199,8 +200,14 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"argument must be one of {list(ARGUMENTS)}, got {effect.argument!r}.")
     if effect.second not in SECONDS:
         refuse(f"second must be one of {list(SECONDS)}, got {effect.second!r}.")
-    if effect.amplitude is not None and not 0 <= effect.amplitude < n:
-        refuse(f"amplitude must index one of its {n} parameters or be None, got {effect.amplitude!r}.")
+    if effect.met_on not in MET_ON:
+        refuse(f"met_on must be one of {list(MET_ON)}, got {effect.met_on!r}.")
+    if effect.met_at not in (None, "input", "output"):
+        refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
+    for name in ("amplitude", "begin", "reach"):
+        index = getattr(effect, name)
+        if index is not None and not 0 <= index < n:
+            refuse(f"{name} must index one of its {n} parameters or be None, got {index!r}.")
     if not effect.valleys >= 0:
         refuse(f"valleys counts the values tried and must be 0 or more, got {effect.valleys!r}.")
     if not 0 <= effect.n_memory <= MAX_MEMORY:

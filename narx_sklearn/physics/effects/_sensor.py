@@ -176,6 +176,7 @@ SENSOR = (
         transform=_quantisation_transform,
         input_port=False,
         amplitude=None,
+        read_off=True,
         lookalikes=("stuck_sensor", "valve_stiction"),
         scan=_quantisation_scan,
         separate_by="counting the distinct values, and a small dither",
