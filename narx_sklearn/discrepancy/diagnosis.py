@@ -100,6 +100,11 @@ class Diagnosis:
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
 
     @property
+    def is_named(self) -> bool:
+        """Whether effects of known names explain what is missing, these or others that look alike."""
+        return self.verdict in ("explained", "ambiguous")
+
+    @property
     def base_run(self) -> Run:
         """Run of the refitted simulator over the windows."""
         return self.problem.run(self.refitted.model)
@@ -138,7 +143,7 @@ def _explaining_more(found: Diagnosis, shorter: Diagnosis) -> Diagnosis:
     An integrator without what is missing follows a long run; with it the machine may turn over, and a fit
     that begins far away does not get there.
     """
-    if shorter.verdict not in ("explained", "ambiguous"):
+    if not shorter.is_named:
         return found
     long = found.problem.with_noise(Noise.white(found.problem.noise.sigma))
     model = shorter.best.fit.model

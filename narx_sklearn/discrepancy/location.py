@@ -71,7 +71,7 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
     )
     residual = problem.y - run.y
     inside = slice(int(windows.first[0]), int(windows.last[-1]))
-    if diagnosis.verdict in ("explained", "ambiguous"):
+    if diagnosis.is_named:
         rules = _where_effects_act(diagnosis)
     else:
         corrected = run.x + best.dx
@@ -118,7 +118,7 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
     table, _, residual = diagnosis.stretches
     windows, dt = diagnosis.problem.windows, diagnosis.problem.simulator.dt
     passing = [effect for effect in diagnosis.best.effects if effect.passes]
-    if diagnosis.verdict not in ("explained", "ambiguous") or not passing:
+    if not diagnosis.is_named or not passing:
         return table.assign(effect="")
     samples = np.arange(int(windows.first[0]), int(windows.last[-1]))
     energy = np.nansum(residual[samples] ** 2, axis=1)
