@@ -620,6 +620,33 @@ class TestLookAlikes:
         found = _named_by_reach(problem, loops, [loops, rubbing], unexplained, None)
         assert found.effects[0].effect.code == named
 
+    @pytest.mark.parametrize(
+        ("code", "theta", "told", "elsewhere"),
+        [
+            (
+                "periodic_disturbance",
+                (0.3, 3.0, 0.5),
+                "in the equation of velocity",
+                "on the output position",
+            ),
+            ("lag", (0.06, 0.0), "on the input drive", "on the output position"),
+        ],
+    )
+    def test_of_two_places_that_are_one_to_linear_equations_the_first_is_told_with_the_other(
+        self, code, theta, told, elsewhere
+    ):
+        rng = np.random.default_rng(0)
+        simulator = make_axis()
+        u = levels(rng, 1500)
+        port, weights = (Port("state", 1), (0.0, 1.0)) if code != "lag" else (Port("input", 0), ())
+        y = simulator.with_effects([PlacedEffect(CATALOGUE[code], port, weights, theta=theta)]).simulate(u)
+        y = y + 0.01 * np.std(y) * rng.standard_normal(y.shape)
+        found = DiscrepancyRegressor(simulator, effects=[code], random_state=0).fit(u, y)
+        (finding,) = found.findings_
+        assert (finding.effect, finding.place) == (code, told)
+        assert elsewhere in finding.elsewhere
+        assert f"It fits as well {elsewhere}" in str(found.report_)
+
     @pytest.mark.parametrize(("port", "enough"), [(1, True), (0, False)])
     def test_what_acts_elsewhere_with_as_many_parameters_is_no_special_case(self, port, enough):
         problem, start = axis_problem([friction(0.3)])

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.lookalikes import is_one_law, unpaid
@@ -49,6 +49,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
                 rivals=tuple(in_short(_rivals(c, best)) for c in rivals),
                 p_value=diagnosis.p_missing,
+                elsewhere=_elsewhere(diagnosis, i, simulator),
                 confidence=_confidence(diagnosis, i),
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
@@ -87,6 +88,25 @@ def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Findin
     )
 
 
+def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str, ...]:
+    """Return the other places, in words, where the same effect fits hardly worse beside the others."""
+    best = diagnosis.best
+    effect = best.effects[i]
+    kept, here = best.places - {effect.place}, place_in_words(effect, simulator)
+    words = []
+    for candidate in sorted(_tried(diagnosis), key=lambda c: c.criterion):
+        moved = [e for e in candidate.effects if e.place not in kept]
+        is_alike = len(candidate.effects) == len(best.effects) and len(moved) == 1
+        if is_alike and moved[0].effect is effect.effect and candidate.criterion <= best.criterion + HARDLY:
+            words.append(place_in_words(moved[0], simulator))
+    return tuple(dict.fromkeys(word for word in words if word != here))
+
+
+def _tried(diagnosis: Diagnosis) -> list[Candidate]:
+    """Return all sets of effects that were fitted."""
+    return [c for step in diagnosis.steps for c in step.candidates]
+
+
 def _confidence(diagnosis: Diagnosis, i: int) -> float:
     """Return the weight of this effect among all that were tried in its place, from the criterion.
 
@@ -96,8 +116,7 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     place = best.effects[i].place
     kept = {e.place for e in best.effects if e.place != place}
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
-    pool = [c for step in diagnosis.steps for c in step.candidates]
-    for candidate in [*pool, *(c for rivals in diagnosis.alternatives for c in rivals)]:
+    for candidate in [*_tried(diagnosis), *(c for rivals in diagnosis.alternatives for c in rivals)]:
         others = [e for e in candidate.effects if e.place not in kept]
         if len(candidate.effects) == len(best.effects) and len(others) == 1 and others[0].place != place:
             one_law = is_one_law(best, others[0])

@@ -19,6 +19,7 @@ DEARER = 4.0  # what each further parameter of a rival must take off the cost, i
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
+IN_TURN = ("input", "state", "output")  # as a signal goes through a machine
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
 
@@ -30,7 +31,8 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     since forms are idealised and strong effects show it. Else natural is an effect made for the unit of its
     argument (gravity for an angle, where it is at home), if the data tell its parameters apart (gravity at
     one angle is a constant load), then fewer parameters. An outflow of a level goes before the constant one
-    that it holds, and of two names for one law the likelier, however many parameters it has.
+    that it holds, and of two names for one law the likelier, however many parameters it has. Of two places
+    of one effect the one that signals pass first is told.
 
     Parameters
     ----------
@@ -61,7 +63,29 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     else:
         chosen = likeliest(alike, unexplained)
     better = [c for c in candidates if _is_better_name(c, chosen)]
-    return min(better, key=lambda c: c.criterion, default=chosen)
+    return _first_in_turn(min(better, key=lambda c: c.criterion, default=chosen), candidates)
+
+
+def _first_in_turn(chosen: Candidate, candidates: list[Candidate]) -> Candidate:
+    """Return a set with its effects where signals pass first, of all places that data cannot tell apart.
+
+    Linear machines let a delay of the input be one of the sensor, and a sine of the load one of the sensor.
+    """
+
+    def turn(c: Candidate) -> int:
+        return sum(IN_TURN.index(effect.port.kind) for effect in c.effects)
+
+    codes = sorted(effect.effect.code for effect in chosen.effects)
+    alike = [
+        c
+        for c in candidates
+        if sorted(effect.effect.code for effect in c.effects) == codes
+        and c.criterion <= chosen.criterion + ALIKE
+        and c.n_values <= chosen.n_values
+        and (odd(chosen) or not odd(c))
+        and turn(c) < turn(chosen)
+    ]
+    return min(alike, key=lambda c: (turn(c), c.criterion), default=chosen)
 
 
 def _is_enough(special: Candidate, general: Candidate) -> bool:

@@ -54,6 +54,8 @@ def _what(dx) -> list[str]:
             unit = finding.units[name]
             value_text = f"{value:.4g} {unit}" if unit != "-" else f"{value:.4g}"
             lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")
+        if finding.elsewhere:
+            lines.append(f"   It fits as well {', or '.join(finding.elsewhere)}.")
         if finding.rivals:
             lines.append(f"   Just as likely on these data: {', '.join(finding.rivals)}.")
             lines.append(f"   To tell them apart: {finding.separate_by}.")

@@ -62,6 +62,8 @@ class Finding:
         What experiment tells it from its look-alikes; where it has no form, what would tell more.
     rivals : tuple of str, default=()
         The look-alikes with their places, ``"code at port"``.
+    elsewhere : tuple of str, default=()
+        Other places, in words, where the same effect fits these data as well.
     confidence : float, default=0.0
         Weight of this effect among all that were tried in its place.
     during : tuple of (float, float), default=None
@@ -87,6 +89,7 @@ class Finding:
     improvement: float
     separate_by: str = ""
     rivals: tuple[str, ...] = ()
+    elsewhere: tuple[str, ...] = ()
     confidence: float = 0.0
     during: tuple[float, float] | None = None
     evidence: dict | None = None
