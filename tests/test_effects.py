@@ -441,7 +441,7 @@ class TestRuns:
         self, oscillator, effect, ordinary
     ):
         u = np.column_stack([20 * wideband(), 20.0 + wideband(seed=2)])
-        whole, at_rest = Windows.whole([slice(0, 1200)]), np.zeros((1, 2))
+        whole, at_rest = _whole(1200)
         limit = placed_on_mass(CATALOGUE["overflow"], [0.0, 0.0])  # acts after each step, here at no strength
         for theta in starts_of(effect, ordinary, ordinary)[:2]:
             acting = placed_on_mass(effect, theta)
@@ -542,7 +542,6 @@ class TestRuns:
 
 
 def _whole(n):
-
     return Windows.whole([slice(0, n)]), np.zeros((1, 2))
 
 

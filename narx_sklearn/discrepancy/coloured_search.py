@@ -1,5 +1,7 @@
 """The search for what is missing, under noise whose colour is estimated from what the search leaves."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from joblib import Parallel, delayed
 
@@ -164,6 +166,6 @@ def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None)
     return Candidate(found, candidate.n_samples)
 
 
-def pool_of(steps: list[Step]) -> list[Candidate]:
+def pool_of(steps: Sequence[Step]) -> list[Candidate]:
     """Return all that was fitted in a search, best first."""
     return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)

@@ -383,10 +383,12 @@ def _named_by_reach(
 
     Slip elements are the friction of a body where all of them let go within the motion's standard deviation.
     """
-    x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
     for effect in best.effects:
         at, kept = effect.effect.reach, best.places - {effect.place}
-        if at is None or effect.port.kind != "state" or effect.theta[at] > np.std(x @ effect.weights):
+        if at is None or effect.port.kind != "state":
+            continue
+        x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
+        if effect.theta[at] > np.std(x @ effect.weights):
             continue
         rivals = [(c, declared_rival(best, c)) for c in pool if kept <= c.places and not odd(c)]
         named = [converged(problem, c, n_jobs) for c, rival in rivals if rival and is_one_law(best, rival)]

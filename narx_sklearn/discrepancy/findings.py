@@ -1,10 +1,12 @@
 """From fitted effects to findings in words and units."""
 
 import re
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
+from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
@@ -92,19 +94,13 @@ def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str,
     """Return the other places, in words, where the same effect fits hardly worse beside the others."""
     best = diagnosis.best
     effect = best.effects[i]
-    kept, here = best.places - {effect.place}, place_in_words(effect, simulator)
-    words = []
-    for candidate in sorted(_tried(diagnosis), key=lambda c: c.criterion):
-        moved = [e for e in candidate.effects if e.place not in kept]
-        is_alike = len(candidate.effects) == len(best.effects) and len(moved) == 1
-        if is_alike and moved[0].effect is effect.effect and candidate.criterion <= best.criterion + HARDLY:
-            words.append(place_in_words(moved[0], simulator))
+    words = [
+        place_in_words(other, simulator)
+        for candidate, other in _in_its_place(best, i, pool_of(diagnosis.steps))
+        if other.effect is effect.effect and candidate.criterion <= best.criterion + HARDLY
+    ]
+    here = place_in_words(effect, simulator)
     return tuple(dict.fromkeys(word for word in words if word != here))
-
-
-def _tried(diagnosis: Diagnosis) -> list[Candidate]:
-    """Return all sets of effects that were fitted."""
-    return [c for step in diagnosis.steps for c in step.candidates]
 
 
 def _confidence(diagnosis: Diagnosis, i: int) -> float:
@@ -113,18 +109,27 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     A share is left to what no catalogue holds, however well a name fits.
     """
     best = diagnosis.best
-    place = best.effects[i].place
-    kept = {e.place for e in best.effects if e.place != place}
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
-    for candidate in [*_tried(diagnosis), *(c for rivals in diagnosis.alternatives for c in rivals)]:
+    rivals = (c for some in diagnosis.alternatives for c in some)
+    for candidate, other in _in_its_place(best, i, [*pool_of(diagnosis.steps), *rivals]):
+        one_law = is_one_law(best, other)
+        price = unpaid(candidate, best)  # of shapes that the data do not feel
+        worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
+        code = other.effect.code
+        weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
+    return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())
+
+
+def _in_its_place(
+    best: Candidate, i: int, candidates: Iterable[Candidate]
+) -> Iterator[tuple[Candidate, PlacedEffect]]:
+    """Yield the candidates that have something else for one effect of a set, or it elsewhere, and that."""
+    place = best.effects[i].place
+    kept = best.places - {place}
+    for candidate in candidates:
         others = [e for e in candidate.effects if e.place not in kept]
         if len(candidate.effects) == len(best.effects) and len(others) == 1 and others[0].place != place:
-            one_law = is_one_law(best, others[0])
-            price = unpaid(candidate, best)  # of shapes that the data do not feel
-            worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
-            code = others[0].effect.code
-            weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
-    return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())
+            yield candidate, others[0]
 
 
 def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:

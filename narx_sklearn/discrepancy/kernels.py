@@ -4,9 +4,9 @@
     y  = h(x, u, p)
 
 The right-hand side, the output and the forces of the effects enter by their addresses, as functions of one
-signature each, so this kernel is compiled once and kept on disk, and only the user's own few lines are
-compiled anew. (numba takes functions as arguments too, but looks each of them up at every call, which costs
-as much as the run of a thousand samples.)
+signature each, so this kernel is compiled once (in two forms) and kept on disk, and only the user's own few
+lines are compiled anew. (numba takes functions as arguments too, but looks each of them up at every call,
+which costs as much as the run of a thousand samples.)
 """
 
 from functools import cache, lru_cache

@@ -11,6 +11,7 @@ from narx_sklearn.discrepancy.generic import LINE
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.physics.effects import PORTS
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
@@ -19,7 +20,6 @@ DEARER = 4.0  # what each further parameter of a rival must take off the cost, i
 ONE_WAY = 0.01  # least eigenvalue of the correlations of columns, below which two of them are one
 SAME = 6.0  # squared distance of two runs, in noise variances a further parameter, that makes them one
 CERTAIN = 60.0  # difference of the criterion beyond which two explanations are not alike in any noise
-IN_TURN = ("input", "state", "output")  # as a signal goes through a machine
 SETTLED = 8  # iterations that fit the size of an effect whose shape is given
 
 
@@ -73,7 +73,7 @@ def _first_in_turn(chosen: Candidate, candidates: list[Candidate]) -> Candidate:
     """
 
     def turn(c: Candidate) -> int:
-        return sum(IN_TURN.index(effect.port.kind) for effect in c.effects)
+        return sum(PORTS.index(effect.port.kind) for effect in c.effects)
 
     codes = sorted(effect.effect.code for effect in chosen.effects)
     alike = [

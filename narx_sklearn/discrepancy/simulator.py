@@ -184,13 +184,14 @@ class Simulator(ABC):
         middle = np.full((n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
         equation, output = self._equations()
         p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
-        is_special = self.discrete or len(self.switches[0]) > 0 or any(_is_special(e) for e, _ in forces)
+        switches = self.switches
+        is_special = self.discrete or len(switches.weights) > 0 or any(_is_special(e) for e, _ in forces)
         try:
             failed = simulate_windows()(
                 equation_address(equation),
                 equation_address(output),
                 *_slots(forces, len(self.inputs), len(self.states)),
-                *self.switches,
+                *switches,
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
                 driven,

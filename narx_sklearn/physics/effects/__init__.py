@@ -1,6 +1,6 @@
 """Catalogue of physical effects that a simulation may lack."""
 
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, no_start
+from narx_sklearn.physics.effects._effect import PORTS, Effect, EffectParameter, Setting, no_start
 from narx_sklearn.physics.effects._registry import (
     BUILT_IN,
     CATALOGUE,
@@ -13,6 +13,7 @@ from narx_sklearn.physics.effects._registry import (
 __all__ = [
     "BUILT_IN",
     "CATALOGUE",
+    "PORTS",
     "Effect",
     "EffectParameter",
     "Setting",

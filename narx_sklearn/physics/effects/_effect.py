@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-PORTS = ("input", "state", "output")
+PORTS = ("input", "state", "output")  # as a signal goes through a machine
 ARGUMENTS = ("none", "own", "position", "any")
 MET_ON = ("anything", "motion", "surfaces", "levels")
 SECONDS = (None, "input", "channel", "drive", "feed")
@@ -114,7 +114,7 @@ class Effect:
     met_on : {"anything", "motion", "surfaces", "levels"}
         What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
         the state equation of something else it is odd there, and pays for that. An effect of levels is not
-        tried on anything else.
+        tried on a speed.
     met_at : {None, "input", "output"}
         Where it is met, if not in state equations: there it is odd too (lost motion lies before a machine).
     read_off : bool
