@@ -207,6 +207,12 @@ def test_recipes_repeat_and_fit_their_plants(cell):
         assert spec.closed_loop or not MACHINES[spec.plant].closed_only
 
 
+def test_a_run_may_be_made_of_some_strata_only(tmp_path):
+    manifest = make(["T0"], [0, 1], tmp_path, n_samples=600, strata=["drifting", "closed loop"])
+    strata = [read_json(tmp_path / "truth" / f"{name}.json")["stratum"] for name in manifest["cases"]]
+    assert sorted(strata) == ["closed loop", "closed loop", "drifting", "drifting"]
+
+
 def test_a_case_on_disk_shows_nothing_of_its_truth_and_its_seal_holds(tmp_path):
     manifest = make(["T10"], [0], tmp_path, n_samples=600, effects=["clearance"])
     assert len(manifest["cases"]) == 1

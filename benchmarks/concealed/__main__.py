@@ -35,6 +35,7 @@ def _parser():
     parser.add_argument("--seeds", type=_seeds, default=range(1), help="such as 0:20 (default: 0:1)")
     parser.add_argument("--plants", type=_names, help="only these, such as pendulum,rlc")
     parser.add_argument("--effects", type=_names, help="only cases that conceal one of these, or nothing")
+    parser.add_argument("--strata", type=_names, help="only these parts of the cells, such as drifting")
     parser.add_argument("--samples", type=int, default=4000, help="of a training recording (default: 4000)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--again", action="store_true", help="diagnose anew what has a verdict")
@@ -69,6 +70,7 @@ def _make(options):
         n_samples=options.samples,
         plants=options.plants,
         effects=options.effects,
+        strata=options.strata,
         n_jobs=options.jobs,
     )
     print(f"{len(manifest['cases'])} cases in {options.out}, {len(manifest['skipped'])} out of reach")

@@ -35,7 +35,9 @@ SWING = {swing!r}  # of the first input about its middle, as far as an experimen
 {source}'''
 
 
-def make(cells, seeds, out: Path, *, n_samples=4000, plants=None, effects=None, n_jobs=1) -> dict:
+def make(
+    cells, seeds, out: Path, *, n_samples=4000, plants=None, effects=None, strata=None, n_jobs=1
+) -> dict:
     """Write the cases of some cells and seeds into `out` and return the manifest.
 
     Parameters
@@ -50,6 +52,8 @@ def make(cells, seeds, out: Path, *, n_samples=4000, plants=None, effects=None, 
         Samples of a training recording.
     plants, effects : collection of str, optional
         Keep only these plants; only cases that conceal one of these effects (or nothing).
+    strata : collection of str, optional
+        Keep only these parts of the cells, such as ``["drifting"]``.
     n_jobs : int
         Processes.
     """
@@ -61,6 +65,8 @@ def make(cells, seeds, out: Path, *, n_samples=4000, plants=None, effects=None, 
         batches = [
             b for b in batches if not b[0].effects or {e.code.name for e in b[0].effects} & set(effects)
         ]
+    if strata:
+        batches = [b for b in batches if b[0].stratum in strata]
     done = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(_make_one)(options, out) for options in batches)
     manifest = {
         "cases": {row["case"]: row["truth"] for row in done if "case" in row},
