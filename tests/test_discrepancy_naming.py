@@ -1,6 +1,7 @@
 """What a diagnosis decides between: effect or coloured noise, one effect or its look-alike, named or not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,10 +21,10 @@ from narx_sklearn.discrepancy.diagnosis import (
     _without_refinement,
 )
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate, by_weight, probe, refit_leaders
-from narx_sklearn.discrepancy.findings import argument_told
+from narx_sklearn.discrepancy.findings import OUTSIDE, _confidence, argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses, placements
-from narx_sklearn.discrepancy.lookalikes import likeliest, look_alikes
+from narx_sklearn.discrepancy.lookalikes import ALIKE, likeliest, look_alikes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -668,6 +669,16 @@ class TestLookAlikes:
             play.fit._replace(cost=play.fit.cost * np.exp(ahead / problem.n_seen)), problem.n_seen
         )
         assert likeliest([loops, play], 2 * base.cost) is (play if enough else loops)
+
+    @pytest.mark.parametrize(("unit", "odds"), [("rad", np.exp(ALIKE / 2)), ("m", 1.0)])
+    def test_confidence_prefers_what_is_at_home_as_naming_does(self, unit, odds):
+        turning = PlacedEffect(CATALOGUE["gravity"], Port("state", 1), (1.0, 0.0), theta=(0.3, 0.2))
+        problem, start = axis_problem([turning])
+        cubic, gravity = self.springs(fit(problem, start), problem, unit)
+        found = SimpleNamespace(
+            best=gravity, alternatives=((),), steps=[SimpleNamespace(candidates=[cubic])], p_missing=0.0
+        )
+        assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
 
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import is_one_law, unpaid
+from narx_sklearn.discrepancy.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
@@ -106,15 +106,18 @@ def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str,
 def _confidence(diagnosis: Diagnosis, i: int) -> float:
     """Return the weight of this effect among all that were tried in its place, from the criterion.
 
-    A share is left to what no catalogue holds, however well a name fits.
+    What is at home where it acts goes before what is not, as in naming. A share is left to what no catalogue
+    holds, however well a name fits.
     """
     best = diagnosis.best
+    is_at_home = at_home(best)
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
     rivals = (c for some in diagnosis.alternatives for c in some)
     for candidate, other in _in_its_place(best, i, [*pool_of(diagnosis.steps), *rivals]):
         one_law = is_one_law(best, other)
         price = unpaid(candidate, best)  # of shapes that the data do not feel
         worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
+        worse += ALIKE * (is_at_home and not at_home(candidate))
         code = other.effect.code
         weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
     return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())

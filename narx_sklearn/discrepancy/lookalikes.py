@@ -55,11 +55,11 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     near = [c for c in candidates if len(c.effects) == len(best.effects) and is_near(c)]
 
     def is_given_up(c: Candidate) -> bool:
-        return any(_is_enough(special, c) and (_at_home(special) or not _at_home(c)) for special in near)
+        return any(_is_enough(special, c) and (at_home(special) or not at_home(c)) for special in near)
 
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if any(c is best for c in alike):
-        chosen = min(alike, key=lambda c: (not _at_home(c), c.n_values, c.criterion))
+        chosen = min(alike, key=lambda c: (not at_home(c), c.n_values, c.criterion))
     else:
         chosen = likeliest(alike, unexplained)
     better = [c for c in candidates if _is_better_name(c, chosen)]
@@ -106,7 +106,7 @@ def _is_better_name(other: Candidate, chosen: Candidate) -> bool:
     if rival is not None and is_one_law(chosen, rival):
         return other.criterion < chosen.criterion
     near = other.criterion <= chosen.criterion + ALIKE
-    return near and is_special_case(chosen, other) and _at_home(other) and not _at_home(chosen)
+    return near and is_special_case(chosen, other) and at_home(other) and not at_home(chosen)
 
 
 def unpaid(best: Candidate, special: Candidate) -> float:
@@ -120,7 +120,7 @@ def unpaid(best: Candidate, special: Candidate) -> float:
     return 2 * np.log(np.log(best.n_samples)) * max(beyond - paid, 0)
 
 
-def _at_home(candidate: Candidate) -> bool:
+def at_home(candidate: Candidate) -> bool:
     """Tell whether an effect of a set was made for its argument's unit, and its parameters are told apart.
 
     Where the unit tells that it belongs to such machines, it is at home even if they are not.
