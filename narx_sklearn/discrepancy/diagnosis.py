@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -694,9 +694,16 @@ def _left_by_several(
     return tuple(sign for sign in speaking if sign.gain > BENT * (taken_off + sign.gain))
 
 
+def _may_be_drift(best: Candidate, alternatives) -> bool:
+    """Tell whether outputs are off by nothing but what may drift."""
+    of_sensors = all(is_of_a_sensor(effect) for effect in best.effects)
+    sets = (best, *chain.from_iterable(alternatives))
+    return of_sensors and any(all(effect.effect.code == DRIFT for effect in c.effects) for c in sets)
+
+
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: _Leftover, alpha: float) -> str:
     """Return explained, ambiguous or unknown."""
-    if all(effect.effect.code == DRIFT for effect in best.effects):
+    if _may_be_drift(best, alternatives):
         return "ambiguous" if any(alternatives) else "explained"  # its course is as it may be
     taken_off = refitted.cost - best.fit.cost
     several = len(best.effects) > 1

@@ -363,17 +363,17 @@ def search(
                 both = [c for c in before if len(c.effects) == 2]
                 found += refit_pairs(problem, candidate.fit, bank, found, n_leaders, n_jobs, known=both)
             found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
-            first = not pool  # and must be more than noise
-            if first:
+            first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
+            if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
                 detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
+                found = found if detection.p_value <= alpha else []
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
                 if detection.p_value > alpha:
                     return steps
                 if not found:  # one of them may be wrong: looked at after the rest of the beam
                     beam += without_each(problem, candidate)
-            if not first or detection.p_value <= alpha:
-                pool += found
+            pool += found
         pool.sort(key=lambda c: c.criterion)
         if pool and pool[0].effects[:-1]:
             pool += without_each(problem, pool[0])
