@@ -886,6 +886,31 @@ class TestSearch:
         best = min((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
         assert {effect.effect.code for effect in best.effects} == {"coulomb_friction", "quadratic_drag"}
 
+    @pytest.mark.parametrize("is_noise", [True, False])
+    def test_what_goes_with_a_drift_must_be_more_than_noise_wherever_the_drift_stood(
+        self, is_noise, monkeypatch
+    ):
+        problem, start = axis_problem([friction(0.3)])
+        ramp = np.linspace(0.0, 0.02, len(problem.y))[:, None]
+        problem = Problem(problem.simulator, problem.u, problem.y + ramp, problem.windows, problem.noise)
+        base = fit(problem, start)
+        structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
+        asked = [CATALOGUE[code] for code in ("coulomb_friction", "additive_drift")]
+
+        def hypotheses(found):
+            return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+
+        def chances(problem, base, some, *rest):
+            beside_drift = any(effect.effect.code == "additive_drift" for effect in base.effects)
+            return [float(beside_drift and is_noise)] * len(some)
+
+        monkeypatch.setattr(explain, "_chances", chances)
+        limits = {"alpha": 0.01, "max_effects": 2, "n_leaders": 4}
+        steps = explain.search(problem, base, hypotheses, random_state=0, **limits)
+        built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]
+        assert ["coulomb_friction", "additive_drift"] in built
+        assert (["additive_drift", "coulomb_friction"] in built) is not is_noise
+
 
 class TestUnnamedForces:
     @pytest.mark.parametrize(
@@ -1019,6 +1044,29 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
     best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
     left = _Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
     assert _decide(base, best, (), None, left, 0.005) == verdict
+
+
+@pytest.mark.parametrize(
+    ("said", "rival", "verdict"),
+    [
+        ("sensor_bias", "additive_drift", "ambiguous"),  # a drift leaves whatever its course is
+        ("sensor_bias", None, "unknown"),
+        ("coulomb_friction", "additive_drift", "unknown"),
+    ],
+)
+def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, verdict):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+
+    def found(code):
+        kind = CATALOGUE[code]
+        on_output = PlacedEffect(kind, Port("output", 0), theta=(0.1,) * len(kind.parameters))
+        effect = friction(0.4) if code == "coulomb_friction" else on_output
+        return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+
+    alternatives = ((found(rival),),) if rival else ((),)
+    left = _Leftover(1e-4, base.cost)
+    assert _decide(base, found(said), alternatives, None, left, 0.005) == verdict
 
 
 def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanation():
