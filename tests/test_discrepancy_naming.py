@@ -904,7 +904,7 @@ class TestSearch:
             beside_drift = any(effect.effect.code == "additive_drift" for effect in base.effects)
             return [float(beside_drift and is_noise)] * len(some)
 
-        monkeypatch.setattr(explain, "_chances", chances)
+        monkeypatch.setattr(explain, "chances", chances)
         limits = {"alpha": 0.01, "max_effects": 2, "n_leaders": 4}
         steps = explain.search(problem, base, hypotheses, random_state=0, **limits)
         built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]

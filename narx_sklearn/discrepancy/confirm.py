@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
+from narx_sklearn.discrepancy.by_chance import gained_by_chance
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -68,6 +69,26 @@ def is_of_a_sensor(effect: PlacedEffect) -> bool:
 def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float:
     """Return minus twice the restricted log-likelihood under noise of its own colour, the colour priced."""
     return own_noise(problem, model, may_drift=may_drift).deviance
+
+
+def as_if_white(
+    problem: Problem, base: Model, model: Model, gained: float, n_felt: int, random_state=None
+) -> float:
+    """Return what a model would gain as rarely over its base if the noise beside the base did not drift.
+
+    Parameters
+    ----------
+    gained : float
+        What it takes off the deviance.
+    n_felt : int
+        Degrees of freedom of what is gained under white noise.
+    """
+    contrasts = Contrasts.of(problem, base)
+    noise = own_noise(problem, base, contrasts=contrasts).noise
+    if not any(noise.average):
+        return gained
+    chance = gained_by_chance(contrasts, Contrasts.of(problem, model), noise, random_state)
+    return chance.as_if_white(gained, n_felt)
 
 
 def clearer_noise(problem: Problem, found: Fit) -> Noise | None:

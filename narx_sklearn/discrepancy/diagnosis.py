@@ -10,7 +10,14 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, is_of_a_sensor, n_shapes
+from narx_sklearn.discrepancy.confirm import (
+    DRIFT,
+    OFFSET,
+    chance_of_noise,
+    deviance,
+    is_of_a_sensor,
+    n_shapes,
+)
 from narx_sklearn.discrepancy.explain import (
     FINE,
     HARDLY,
@@ -18,6 +25,7 @@ from narx_sklearn.discrepancy.explain import (
     Candidate,
     Step,
     by_weight,
+    chances,
     odd,
     probe,
     refit_leaders,
@@ -26,6 +34,7 @@ from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hyp
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
+    CERTAIN,
     REFINES,
     declared_rival,
     is_a_change,
@@ -103,6 +112,19 @@ class Diagnosis:
     def is_named(self) -> bool:
         """Whether effects of known names explain what is missing, these or others that look alike."""
         return self.verdict in ("explained", "ambiguous")
+
+    @property
+    def as_drift(self) -> "Diagnosis | None":
+        """The same with a drift named in place of an offset that looks like one; None where none does."""
+        if len(self.best.effects) != 1 or self.best.effects[0].effect.code != OFFSET:
+            return None
+        (rivals,) = self.alternatives
+        drifts = [c for c in rivals if c.effects[0].effect.code == DRIFT and is_of_a_sensor(c.effects[0])]
+        if not drifts:
+            return None
+        others = tuple(c for c in rivals if c is not drifts[0])
+        verdict = "ambiguous" if others else "explained"
+        return replace(self, verdict=verdict, best=drifts[0], alternatives=(others,))
 
     @property
     def base_run(self) -> Run:
@@ -322,6 +344,7 @@ def _named(
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
+    best = _more_than_drift(problem, refitted, best, pool, steps[0], settings)
     best = converged(problem, best, settings.n_jobs)
     named = _named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
     found = _judged(problem, refitted, named, pool, steps, structure, settings)
@@ -374,6 +397,42 @@ def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: flo
         if fewer:
             return likeliest(fewer, unexplained)
     return best
+
+
+def _more_than_drift(
+    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate], first: Step, settings: Settings
+) -> Candidate:
+    """Return the likeliest set, but for those of which a drift of an output leaves no more than noise.
+
+    A search that found a drift goes on from there, and comes to sets which nobody held against noise that
+    drifts: without the drift, or with another name in its place.
+    """
+
+    def is_drift(c: Candidate) -> bool:
+        return all(is_of_a_sensor(effect) for effect in c.effects)
+
+    drift = min((c.criterion for c in pool if is_drift(c)), default=np.inf)
+    held = pool
+    while not is_drift(best) and drift <= best.criterion + CERTAIN:
+        if _is_more_than_drift(problem, refitted, best, first, settings):
+            return best
+        held = [c for c in held if c.places != best.places]
+        best = likeliest(held, refitted.cost)
+    return best
+
+
+def _is_more_than_drift(
+    problem: Problem, refitted: Fit, candidate: Candidate, first: Step, settings: Settings
+) -> bool:
+    """Tell whether noise that drifts cannot be what a set has beside drifts and offsets of outputs."""
+    of_sensors = tuple(effect for effect in candidate.effects if is_of_a_sensor(effect))
+    base = Candidate(refitted, problem.n_seen)
+    if of_sensors:
+        model = candidate.fit.model._replace(effects=of_sensors)
+        base = Candidate(fit(problem, model, iterations=FINE, n_jobs=settings.n_jobs), problem.n_seen)
+    n_jobs, alpha, random_state = settings.n_jobs, settings.alpha, settings.random_state
+    found = chances(problem, base, [candidate], set(), first.bank, n_jobs, alpha, random_state)
+    return found[0] <= alpha
 
 
 def _named_by_reach(

@@ -12,6 +12,7 @@ from joblib import Parallel, delayed, effective_n_jobs
 from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
 from narx_sklearn.discrepancy.confirm import (
     OFFSET,
+    as_if_white,
     chance_of_noise,
     deviance,
     is_of_a_sensor,
@@ -365,7 +366,9 @@ def search(
             found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
-                detection, found = _confirmed(problem, candidate, found, detection, bank, alpha, n_jobs)
+                detection, found = _confirmed(
+                    problem, candidate, found, detection, bank, alpha, n_jobs, random_state
+                )
                 found = found if detection.p_value <= alpha else []
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
@@ -399,6 +402,7 @@ def _confirmed(
     bank: Bank,
     alpha: float,
     n_jobs,
+    random_state=None,
 ) -> tuple[Detection, list[Candidate]]:
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
@@ -413,30 +417,42 @@ def _confirmed(
     n_near = sum(c.criterion <= found[0].criterion + HARDLY for c in found[:CONFIRMED])
     offsets = {e.port for c in found[:n_near] for e in _added(c, base) if e.effect.code == OFFSET}
     asked = found[:n_near]
-    chances = _chances(problem, base, asked, offsets, bank, n_jobs)
-    if min(chances) > alpha:
+
+    def chances_of(some: list[Candidate]) -> list[float]:
+        return chances(problem, base, some, offsets, bank, n_jobs, alpha, random_state)
+
+    likely = chances_of(asked)
+    if min(likely) > alpha:
         asked = found[: n_near + CONFIRMED]
-        chances += _chances(problem, base, asked[n_near:], offsets, bank, n_jobs)
-        if min(chances) <= alpha:
-            found = [c for k, c in enumerate(found) if k >= len(asked) or chances[k] <= alpha]
-    standing = [c for c, chance in zip(asked, chances, strict=True) if chance <= alpha]
+        likely += chances_of(asked[n_near:])
+        if min(likely) <= alpha:
+            found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
+    standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
     if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
         found = standing
-    return detection._replace(p_value=max(detection.p_value, min(chances))), found
+    return detection._replace(p_value=max(detection.p_value, min(likely))), found
 
 
 def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
-    """Return what a candidate has beyond the set that it was built on."""
-    return candidate.effects[len(base.effects) :]
+    """Return what a candidate has beyond a set that it holds."""
+    return tuple(effect for effect in candidate.effects if effect.place not in base.places)
 
 
-def _chances(
-    problem: Problem, base: Candidate, some: list[Candidate], offsets: set[Port], bank: Bank, n_jobs
+def chances(
+    problem: Problem,
+    base: Candidate,
+    some: list[Candidate],
+    offsets: set[Port],
+    bank: Bank,
+    n_jobs,
+    alpha: float,
+    random_state=None,
 ) -> list[float]:
     """Return the chance that what each candidate adds is noise of some colour.
 
     That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
-    at nothing, is then asked of the few ways of being so alone.
+    at nothing, is then asked of the few ways of being so alone. What seems to be no chance at a level
+    ``alpha`` is held against what is gained by chance where noise drifts.
     """
     noises = [
         sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
@@ -451,7 +467,7 @@ def _chances(
     )
     without = {kind: next(deviances) for kind in against}
     n_directions = bank.n_directions
-    chances = []
+    found = []
     for candidate, kinds in zip(some, noises, strict=True):
         added = _added(candidate, base)
         price = ODD * sum(effect.odd for effect in added)
@@ -461,8 +477,13 @@ def _chances(
         if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
             no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
         least = min(gained.values())
-        chances.append(max(no_drift, _chance(least, added, n_felt, problem, bank, n_directions)))
-    return chances
+        chance = _chance(least, added, n_felt, problem, bank, n_directions)
+        if chance <= alpha and True in gained:
+            models = base.fit.model, candidate.fit.model
+            least = as_if_white(problem, *models, least, n_felt, random_state)
+            chance = _chance(least, added, n_felt, problem, bank, n_directions)
+        found.append(max(no_drift, chance))
+    return found
 
 
 def _chance(

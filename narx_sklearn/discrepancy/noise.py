@@ -43,15 +43,24 @@ class Noise(NamedTuple):
         """Number of coefficients, the variances not counted."""
         return sum(a.size for a in self.coefficients) + sum(b != 0 for b in self.average)
 
+    def colour(self, output: int) -> tuple[np.ndarray, float]:
+        """Return the autoregression of an output and its moving average."""
+        return self.coefficients[output], self.average[output] if self.average else 0.0
+
+    def with_colour(self, output: int, a: np.ndarray, b: float) -> "Noise":
+        """Return this noise with another colour on one output."""
+        coefficients, average = list(self.coefficients), list(self.average or (0.0,) * len(self.coefficients))
+        coefficients[output], average[output] = a, b
+        return self._replace(coefficients=tuple(coefficients), average=tuple(average))
+
     def starting(self, output: int) -> np.ndarray | None:
         """Return the root of the covariance of the first samples of a window, (order, order).
 
         In units of the innovations. None where an autoregression has none, for want of memory or of a level.
         """
-        a = self.coefficients[output]
+        a, b = self.colour(output)
         if not a.size:
             return None
-        b = self.average[output] if self.average else 0.0
         if not b:
             return _root_of_covariance(tuple(a.tolist()))
         return np.sqrt([[1.0 + (a[0] - b) ** 2 / max(1.0 - a[0] ** 2, FORGOTTEN)]])
@@ -107,7 +116,7 @@ class Noise(NamedTuple):
             Zero where not seen.
         seen : ndarray of bool of shape (n_stretches, n_samples)
         """
-        a, b = self.coefficients[output], self.average[output] if self.average else 0.0
+        a, b = self.colour(output)
         root = None if b else self.starting(output)
         e, counts = lfilter(np.r_[1.0, -a], [1.0], signals, axis=1), seen.copy()
         for lag in range(1, a.size + 1):

@@ -48,22 +48,11 @@ def own_noise(
         colours = [estimate_noise(part, seen, may_drift=False, price=COLOUR)]
         if may_drift:
             colours.append(estimate_noise(part, seen, price=COLOUR))
-        tried = [contrasts.under(_with_colour(best.noise, output, *_colour(noise))) for noise in colours]
+        tried = [contrasts.under(best.noise.with_colour(output, *noise.colour(0))) for noise in colours]
         if may_drift:
             tried.append(contrasts.likeliest_walk(best.noise, output))
         best = min([best, *tried], key=lambda found: found.deviance)
     return best
-
-
-def _colour(noise: Noise) -> tuple[np.ndarray, float]:
-    return noise.coefficients[0], noise.average[0] if noise.average else 0.0
-
-
-def _with_colour(noise: Noise, output: int, a: np.ndarray, b: float) -> Noise:
-    """Return a noise with another colour on one output."""
-    coefficients, average = list(noise.coefficients), list(noise.average or (0.0,) * len(noise.coefficients))
-    coefficients[output], average[output] = a, b
-    return noise._replace(coefficients=tuple(coefficients), average=tuple(average))
 
 
 @dataclass(frozen=True)
@@ -109,31 +98,53 @@ class Contrasts:
             column = own_columns.stop
         return cls(signals, seen, n_states + own.shape[2], unit)
 
+    @property
+    def n_others(self) -> int:
+        """Number of responses that are no nuisances: to parameters of effects."""
+        return self.signals.shape[3] - 1 - self.n_nuisances
+
     def under(self, noise: Noise) -> OwnNoise:
         """Return a noise of given colour with the size that fits, and the deviance under it."""
+        deviances, sizes = self.of_rests(self.signals[..., -1:], noise)
+        return OwnNoise(noise._replace(sigma=sizes * self.unit), float(deviances[0]))
+
+    def of_rests(self, rests: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+        """Return the deviance of each of many rests that the model might leave, and the size of the noise.
+
+        Parameters
+        ----------
+        rests : ndarray of shape (n_stretches, n_samples, n_outputs, n_rests)
+            In units of the outputs, zero where not seen. How large noise is on one output beside another is
+            that of all of them together.
+        noise : Noise
+            Of given colour.
+        """
         whitened, weights = [], []
         deviance = noise.n_parameters * COLOUR
+        n_columns = self.signals.shape[3] - 1
         for output in range(self.unit.size):
-            seen, signals = self.seen[:, :, output], self.signals[:, :, output]
-            e, counts = noise.innovations_from_zero(signals, seen, output)
+            signals = np.concatenate([self.signals[:, :, output, :-1], rests[:, :, output]], axis=2)
+            e, counts = noise.innovations_from_zero(signals, self.seen[:, :, output], output)
             e = e[counts]
-            size = np.sqrt(max(float(np.mean(e[:, -1] ** 2)), 1e-300)) if len(e) else 1.0
+            size = np.sqrt(max(float(np.mean(e[:, n_columns:] ** 2)), 1e-300)) if len(e) else 1.0
             whitened.append(e / size)
             weights.append(size)
             deviance += 2 * np.log(size) * len(e)
-        gram = sum(e.T @ e for e in whitened)
+        columns = sum(e[:, :n_columns].T @ e[:, :n_columns] for e in whitened)
+        with_rests = sum(e[:, :n_columns].T @ e[:, n_columns:] for e in whitened)
+        squares = sum(np.einsum("ij,ij->j", e[:, n_columns:], e[:, n_columns:]) for e in whitened)
         n, k = sum(len(e) for e in whitened), self.n_nuisances
-        cost = max(float(_left_by(gram)), 1e-300) / max(n - k, 1)
-        deviance += noise.log_determinant(self.seen.shape[0])
-        deviance += (n - k) * np.log(cost) + _log_determinant(gram[:k, :k])
-        return OwnNoise(noise._replace(sigma=np.array(weights) * np.sqrt(cost) * self.unit), float(deviance))
+        left = _left_by(columns, with_rests, squares)
+        cost = np.maximum(left, 1e-300) / max(n - k, 1)
+        deviance += noise.log_determinant(self.seen.shape[0]) + _log_determinant(columns[:k, :k])
+        return deviance + (n - k) * np.log(cost), np.array(weights) * np.sqrt(cost.mean())
 
     def likeliest_walk(self, noise: Noise, output: int) -> OwnNoise:
         """Return the likeliest noise of which one output's is a random walk under white noise."""
 
         def walking(log_pace: float) -> OwnNoise:
             # of two coefficients one is given
-            found = self.under(_with_colour(noise, output, np.ones(1), float(1.0 - np.exp(log_pace))))
+            found = self.under(noise.with_colour(output, np.ones(1), float(1.0 - np.exp(log_pace))))
             return found._replace(deviance=found.deviance - COLOUR)
 
         grid = np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), GRID)
@@ -178,12 +189,13 @@ def _orthonormal(columns: np.ndarray) -> np.ndarray:
     return kept.reshape(*columns.shape[:2], kept.shape[1])
 
 
-def _left_by(gram: np.ndarray) -> float:
-    """Return the squares of the last signal that all others do not explain."""
-    size = np.sqrt(np.diag(gram)[:-1])
+def _left_by(columns: np.ndarray, with_rests: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """Return the squares of each rest that columns do not explain, from the inner products."""
+    size = np.sqrt(np.diag(columns))
     size = np.where(size > 0, size, 1.0)
-    between, with_last = gram[:-1, :-1] / np.outer(size, size), gram[:-1, -1] / size
-    return float(gram[-1, -1] - with_last @ np.linalg.pinv(between, rcond=FLAT, hermitian=True) @ with_last)
+    between, with_rests = columns / np.outer(size, size), with_rests / size[:, None]
+    inverse = np.linalg.pinv(between, rcond=FLAT, hermitian=True)
+    return squares - np.einsum("ik,ij,jk->k", with_rests, inverse, with_rests, optimize=True)
 
 
 def _places(windows: Windows) -> tuple[list[tuple[int, int, int]], tuple[int, int]]:

@@ -1,0 +1,98 @@
+"""What an effect takes off the deviance by chance, where noise drifts: simulated.
+
+A drift fixes few slow waves, and each side of the comparison finds its pace anew, so what an effect gains by
+chance is not chi-squared: its mean may be ten times as large, its spread three times. Noise as it is beside the
+simpler of two models, drawn many times, tells both (a parametric bootstrap, Davison and Hinkley 1997, ch. 4).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import chi2
+from sklearn.utils import check_random_state
+
+from narx_sklearn.discrepancy.noise import SLOWEST, Noise
+from narx_sklearn.discrepancy.restricted import Contrasts
+
+DRAWS = 100
+GRID = 8  # paces of a drift that are tried, evenly in the logarithm
+BEFORE = 1000  # samples by which noise that does not drift began before the first
+LARGEST = 500.0  # gain beyond which nothing is by chance
+
+
+class ByChance(NamedTuple):
+    """Mean and standard deviation of what is gained by chance, and the columns that gain it."""
+
+    mean: float
+    spread: float
+    n_columns: int
+
+    def as_if_white(self, gained: float, n_felt: int) -> float:
+        """Return the gain that is as rare under white noise, ``n_felt`` parameters felt; never a larger one.
+
+        Chance gains are taken for chi-squared of as many degrees of freedom as columns, moved and stretched.
+        """
+        if not (self.n_columns and self.spread > 0):
+            return gained
+        n = self.n_columns
+        standard = n + (gained - self.mean) / self.spread * np.sqrt(2.0 * n)
+        rare = chi2.sf(np.clip(standard, 0.0, LARGEST), n)
+        return min(gained, float(chi2.isf(rare, n_felt)))
+
+
+def gained_by_chance(base: Contrasts, candidate: Contrasts, noise: Noise, random_state=None) -> ByChance:
+    """Return what a candidate gains over a simpler model when all that both leave is noise.
+
+    Parameters
+    ----------
+    base, candidate : Contrasts
+        Both models, linear about their fits.
+    noise : Noise
+        That the base leaves.
+    """
+    draws = _drawn(base, noise, check_random_state(random_state))
+    gained = _least_deviances(base, draws, noise) - _least_deviances(candidate, draws, noise)
+    n_columns = candidate.n_others - base.n_others
+    return ByChance(float(gained.mean()), float(gained.std(ddof=1)), n_columns)
+
+
+def _drawn(contrasts: Contrasts, noise: Noise, rng: np.random.RandomState) -> np.ndarray:
+    """Return noise over stretches, (stretches, samples, outputs, draws), in the contrasts' units."""
+    stretches, samples, outputs, _ = contrasts.signals.shape
+    draws = np.zeros((stretches, samples, outputs, DRAWS))
+    for output in range(outputs):
+        a, b = noise.colour(output)
+        before = 0 if b else BEFORE
+        e = rng.standard_normal((stretches, before + samples, DRAWS))
+        e *= noise.sigma[output] / contrasts.unit[output]
+        draws[:, :, output] = lfilter([1.0, -b], np.r_[1.0, -a], e, axis=1)[:, before:]
+    return np.where(contrasts.seen[:, :, :, None], draws, 0.0)
+
+
+def _least_deviances(contrasts: Contrasts, draws: np.ndarray, noise: Noise) -> np.ndarray:
+    """Return the deviance of each draw under the likeliest noise that is white, as given, or a walk.
+
+    The colour of each output is chosen beside the given ones of the others.
+    """
+    paces = np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), GRID)
+    walks = [(np.ones(1), float(1.0 - np.exp(log_pace))) for log_pace in paces]
+
+    def deviances(some: np.ndarray, colours: Mapping[int, tuple[np.ndarray, float]]) -> np.ndarray:
+        coloured = noise
+        for output, colour in colours.items():
+            coloured = coloured.with_colour(output, *colour)
+        return contrasts.of_rests(some, coloured)[0]
+
+    likeliest = []
+    colours = []
+    for output in range(contrasts.unit.size):
+        colours.append([noise.colour(output), (np.zeros(0), 0.0), *walks])
+        tried = [deviances(draws, {output: colour}) for colour in colours[-1]]
+        likeliest.append(np.argmin(tried, axis=0))
+    least = np.empty(DRAWS)
+    for choice in np.unique(likeliest, axis=1).T:
+        alike = np.all(np.array(likeliest) == choice[:, None], axis=0)
+        least[alike] = deviances(draws[..., alike], {o: colours[o][k] for o, k in enumerate(choice)})
+    return least
