@@ -8,8 +8,9 @@ import pytest
 from driven_axis import make_axis
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, diagnosis, explain, verify
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, confirm, diagnosis, explain, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.diagnosis import (
@@ -20,7 +21,7 @@ from narx_sklearn.discrepancy.diagnosis import (
     _named_by_reach,
     _without_refinement,
 )
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate, by_weight, probe, refit_leaders
+from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.findings import OUTSIDE, _confidence, argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses, placements
@@ -151,9 +152,9 @@ class TestChanceOfNoise:
             code = model.effects[-1].effect.code
             return deviances[code] if code in deviances else deviances[code, may_drift]
 
-        monkeypatch.setattr(explain, "deviance", given)
+        monkeypatch.setattr(confirm, "deviance", given)
         certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-        found, stays = explain._confirmed(problem, base, found, certain, bank, alpha, None)
+        found, stays = confirm.confirmed(problem, base, found, certain, bank, alpha, None)
         return found.p_value, [c.effects[0].effect.code for c in stays]
 
     def test_where_the_best_may_be_noise_the_next_stands_for_what_is_before_it(self, monkeypatch):
@@ -904,7 +905,7 @@ class TestSearch:
             beside_drift = any(effect.effect.code == "additive_drift" for effect in base.effects)
             return [float(beside_drift and is_noise)] * len(some)
 
-        monkeypatch.setattr(explain, "chances", chances)
+        monkeypatch.setattr(confirm, "chances", chances)
         limits = {"alpha": 0.01, "max_effects": 2, "n_leaders": 4}
         steps = explain.search(problem, base, hypotheses, random_state=0, **limits)
         built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]

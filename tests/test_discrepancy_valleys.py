@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.lookalikes import look_alikes
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.experiment import _settled, chance, design_experiment, middle_of
-from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.nested import ALLOWED, farthest_allowed
 from narx_sklearn.discrepancy.noise import Noise

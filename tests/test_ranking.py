@@ -8,8 +8,9 @@ from driven_axis import make_axis
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.coloured_search import CERTAIN
-from narx_sklearn.discrepancy.explain import Candidate, refit_leaders, refit_pairs
+from narx_sklearn.discrepancy.explain import refit_leaders, refit_pairs
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port

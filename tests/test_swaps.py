@@ -8,8 +8,9 @@ from driven_axis import make_axis
 
 from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.explain import Candidate, Step
+from narx_sklearn.discrepancy.explain import Step
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port

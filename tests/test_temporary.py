@@ -10,8 +10,8 @@ import pytest
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import diagnosis, temporary
 from narx_sklearn.discrepancy.acting import correction
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.coloured_search import coloured_search
-from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem

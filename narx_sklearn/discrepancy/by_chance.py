@@ -1,8 +1,9 @@
 """What an effect takes off the deviance by chance, where noise drifts: simulated.
 
-A drift fixes few slow waves, and each side of the comparison finds its pace anew, so what an effect gains by
-chance is not chi-squared: its mean may be ten times as large, its spread three times. Noise as it is beside the
-simpler of two models, drawn many times, tells both (a parametric bootstrap, Davison and Hinkley 1997, ch. 4).
+A drift fixes few slow waves, and each side of the comparison finds its pace anew, so what an effect gains
+by chance is not chi-squared: its mean may be ten times as large, its spread three times. Noise as it is
+beside the simpler of two models, drawn many times, tells both (a parametric bootstrap, Davison and Hinkley
+1997, chapter 4).
 """
 
 from collections.abc import Mapping

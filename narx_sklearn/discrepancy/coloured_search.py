@@ -6,17 +6,10 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.explain import (
-    FINE,
-    Candidate,
-    Step,
-    once_each,
-    refit_leaders,
-    refit_pairs,
-    search,
-)
+from narx_sklearn.discrepancy.explain import FINE, Step, once_each, refit_leaders, refit_pairs, search
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import estimate_noise

@@ -1,16 +1,26 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
+from math import comb
+
 import numpy as np
+from joblib import Parallel, delayed
 from scipy.stats import chi2
 
+from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.by_chance import gained_by_chance
+from narx_sklearn.discrepancy.candidate import HARDLY, ODD, Candidate
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.lookalikes import CERTAIN, likeliest
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.discrepancy.settings import Settings
 
 DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
+LEVELS = 2  # ways in which an output may be slowly off: from the first sample on, or as time goes
+CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 CLEARER = 10.0  # difference of the deviance that makes a noise clearly the likelier
 
 
@@ -100,3 +110,156 @@ def clearer_noise(problem: Problem, found: Fit) -> Noise | None:
     contrasts = Contrasts.of(problem, found.model)
     own, given = own_noise(problem, found.model, contrasts=contrasts), contrasts.under(problem.noise)
     return own.noise if own.deviance < given.deviance - CLEARER else None
+
+
+def confirmed(
+    problem: Problem,
+    base: Candidate,
+    found: list[Candidate],
+    detection: Detection,
+    bank: Bank,
+    alpha: float,
+    n_jobs,
+    random_state=None,
+) -> tuple[Detection, list[Candidate]]:
+    """Return the detection with the chance that what was found is noise of some colour, and what was found.
+
+    Of what the criterion cannot tell from the best, the least chance counts. Where all of it may be noise,
+    the next best are asked: the noise so far may owe its colour to what two effects left, and one that
+    stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
+    or an offset of an output stands, with drifting noise not against it, nothing else is found; a drift that
+    fits no better than an offset is held against what an offset is.
+    """
+    if not found:
+        return detection, found
+    n_near = sum(c.criterion <= found[0].criterion + HARDLY for c in found[:CONFIRMED])
+    offsets = {e.port for c in found[:n_near] for e in _added(c, base) if e.effect.code == OFFSET}
+    asked = found[:n_near]
+
+    def chances_of(some: list[Candidate]) -> list[float]:
+        return chances(problem, base, some, offsets, bank, n_jobs, alpha, random_state)
+
+    likely = chances_of(asked)
+    if min(likely) > alpha:
+        asked = found[: n_near + CONFIRMED]
+        likely += chances_of(asked[n_near:])
+        if min(likely) <= alpha:
+            found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
+    standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
+    if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
+        found = standing
+    return detection._replace(p_value=max(detection.p_value, min(likely))), found
+
+
+def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
+    """Return what a candidate has beyond a set that it holds."""
+    return tuple(effect for effect in candidate.effects if effect.place not in base.places)
+
+
+def chances(
+    problem: Problem,
+    base: Candidate,
+    some: list[Candidate],
+    offsets: set[Port],
+    bank: Bank,
+    n_jobs,
+    alpha: float,
+    random_state=None,
+) -> list[float]:
+    """Return the chance that what each candidate adds is noise of some colour.
+
+    That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
+    at nothing, is then asked of the few ways of being so alone. What seems to be no chance at a level
+    ``alpha`` is held against what is gained by chance where noise drifts.
+    """
+    noises = [
+        sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
+    ]
+    against = sorted({kind for kinds in noises for kind in kinds})
+    asked = [(base, kind) for kind in against]
+    asked += [(c, kind) for c, kinds in zip(some, noises, strict=True) for kind in kinds]
+    deviances = iter(
+        Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in asked
+        )
+    )
+    without = {kind: next(deviances) for kind in against}
+    n_directions = bank.n_directions
+    found = []
+    for candidate, kinds in zip(some, noises, strict=True):
+        added = _added(candidate, base)
+        price = ODD * sum(effect.odd for effect in added)
+        gained = {kind: without[kind] - next(deviances) - price for kind in kinds}
+        n_felt = max(candidate.n_parameters - base.n_parameters, 1)
+        no_drift = 0.0
+        if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
+            no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
+        least = min(gained.values())
+        chance = _chance(least, added, n_felt, problem, bank, n_directions)
+        if chance <= alpha and True in gained:
+            models = base.fit.model, candidate.fit.model
+            least = as_if_white(problem, *models, least, n_felt, random_state)
+            chance = _chance(least, added, n_felt, problem, bank, n_directions)
+        found.append(max(no_drift, chance))
+    return found
+
+
+def _chance(
+    gained: float,
+    effects: tuple[PlacedEffect, ...],
+    n_felt: int,
+    problem: Problem,
+    bank: Bank,
+    n_directions: float,
+) -> float:
+    """Return the chance that noise gains as much, the less of two bounds.
+
+    One counts hypotheses, or sets of so many, and the shapes of an effect that the samples can tell apart.
+    The other counts the independent directions of the bank's columns, with as many degrees of freedom as
+    parameters are felt; it holds for one effect, and where the columns did not look at the residual.
+    """
+    n_values, blind = 1.0, True
+    for effect in effects:
+        own = [h for h in bank.hypotheses if h.placed.place == effect.place]
+        n_values *= max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
+        blind &= bool(own) and not any(h.tuned.any() for h in own)
+    n_sets = comb(max(len(bank.hypotheses), len(effects)), len(effects))
+    by_values = chance_of_noise(gained, n_sets, n_values, len(effects))
+    if len(effects) > 1 or not blind:
+        return by_values
+    return min(by_values, chance_of_noise(gained, n_directions, 1, n_felt))
+
+
+def more_than_drift(
+    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate], bank: Bank, settings: Settings
+) -> Candidate:
+    """Return the likeliest set that is no noise, where noise that drifts may be nearly as likely as the best.
+
+    A search that found a drift goes on from there, and comes to sets which nobody held against noise that
+    drifts: without the drift, or with another name in its place.
+    """
+
+    def is_drift(c: Candidate) -> bool:
+        return all(is_of_a_sensor(effect) for effect in c.effects)
+
+    drift = min((c.criterion for c in pool if is_drift(c)), default=np.inf)
+    while not is_drift(best) and drift <= best.criterion + CERTAIN:
+        if _is_more_than_drift(problem, refitted, best, bank, settings):
+            return best
+        pool = [c for c in pool if c.places != best.places]
+        best = likeliest(pool, refitted.cost)
+    return best
+
+
+def _is_more_than_drift(
+    problem: Problem, refitted: Fit, candidate: Candidate, bank: Bank, settings: Settings
+) -> bool:
+    """Tell whether noise that drifts cannot be what a set has beside drifts and offsets of outputs."""
+    of_sensors = tuple(effect for effect in candidate.effects if is_of_a_sensor(effect))
+    base = refitted
+    if of_sensors:
+        base = fit(problem, candidate.fit.model._replace(effects=of_sensors), n_jobs=settings.n_jobs)
+    n_jobs, alpha, random_state = settings.n_jobs, settings.alpha, settings.random_state
+    beside = Candidate(base, candidate.n_samples)
+    (chance,) = chances(problem, beside, [candidate], set(), bank, n_jobs, alpha, random_state)
+    return chance <= alpha

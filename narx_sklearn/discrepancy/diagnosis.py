@@ -9,6 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import make_bank
+from narx_sklearn.discrepancy.candidate import HARDLY, ODD, Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import coloured_search, converged, hypotheses_of, pool_of
 from narx_sklearn.discrepancy.confirm import (
     DRIFT,
@@ -16,25 +17,14 @@ from narx_sklearn.discrepancy.confirm import (
     chance_of_noise,
     deviance,
     is_of_a_sensor,
+    more_than_drift,
     n_shapes,
 )
-from narx_sklearn.discrepancy.explain import (
-    FINE,
-    HARDLY,
-    ODD,
-    Candidate,
-    Step,
-    by_weight,
-    chances,
-    odd,
-    probe,
-    refit_leaders,
-)
+from narx_sklearn.discrepancy.explain import FINE, Step, by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.lookalikes import (
-    CERTAIN,
     REFINES,
     declared_rival,
     is_a_change,
@@ -344,7 +334,7 @@ def _named(
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
-    best = _more_than_drift(problem, refitted, best, pool, steps[0], settings)
+    best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
     best = converged(problem, best, settings.n_jobs)
     named = _named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
     found = _judged(problem, refitted, named, pool, steps, structure, settings)
@@ -397,42 +387,6 @@ def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: flo
         if fewer:
             return likeliest(fewer, unexplained)
     return best
-
-
-def _more_than_drift(
-    problem: Problem, refitted: Fit, best: Candidate, pool: list[Candidate], first: Step, settings: Settings
-) -> Candidate:
-    """Return the likeliest set, but for those of which a drift of an output leaves no more than noise.
-
-    A search that found a drift goes on from there, and comes to sets which nobody held against noise that
-    drifts: without the drift, or with another name in its place.
-    """
-
-    def is_drift(c: Candidate) -> bool:
-        return all(is_of_a_sensor(effect) for effect in c.effects)
-
-    drift = min((c.criterion for c in pool if is_drift(c)), default=np.inf)
-    held = pool
-    while not is_drift(best) and drift <= best.criterion + CERTAIN:
-        if _is_more_than_drift(problem, refitted, best, first, settings):
-            return best
-        held = [c for c in held if c.places != best.places]
-        best = likeliest(held, refitted.cost)
-    return best
-
-
-def _is_more_than_drift(
-    problem: Problem, refitted: Fit, candidate: Candidate, first: Step, settings: Settings
-) -> bool:
-    """Tell whether noise that drifts cannot be what a set has beside drifts and offsets of outputs."""
-    of_sensors = tuple(effect for effect in candidate.effects if is_of_a_sensor(effect))
-    base = Candidate(refitted, problem.n_seen)
-    if of_sensors:
-        model = candidate.fit.model._replace(effects=of_sensors)
-        base = Candidate(fit(problem, model, iterations=FINE, n_jobs=settings.n_jobs), problem.n_seen)
-    n_jobs, alpha, random_state = settings.n_jobs, settings.alpha, settings.random_state
-    found = chances(problem, base, [candidate], set(), first.bank, n_jobs, alpha, random_state)
-    return found[0] <= alpha
 
 
 def _named_by_reach(

@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 from scipy.stats import norm
 
 from narx_sklearn.discrepancy.bank import effect_column
-from narx_sklearn.discrepancy.explain import HARDLY
+from narx_sklearn.discrepancy.candidate import HARDLY
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem

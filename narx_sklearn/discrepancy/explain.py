@@ -1,27 +1,16 @@
 """Which physics is missing: refit what leads, alone and in pairs, and add one effect after another."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
 
-from narx_sklearn.discrepancy.bank import Bank, entered, make_bank, out_of
-from narx_sklearn.discrepancy.confirm import (
-    OFFSET,
-    as_if_white,
-    chance_of_noise,
-    deviance,
-    is_of_a_sensor,
-    is_slow,
-    n_shapes,
-    noises_against,
-)
+from narx_sklearn.discrepancy.bank import Bank, entered, make_bank
+from narx_sklearn.discrepancy.candidate import Candidate, odd
+from narx_sklearn.discrepancy.confirm import confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.detect import Detection, detect
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import Pair, gains, leaders, pairs
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -36,90 +25,9 @@ BEAM = 2  # sets of effects carried to the next depth
 PAIRS = 8  # of effects that promise most together, fitted
 PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
 MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
-LEVELS = 2  # ways in which an output may be slowly off: from the first sample on, or as time goes
-CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
 PACE = 2.0  # times the last iteration's decrease, that each further one is given credit for
-HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
-ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A set of effects, fitted."""
-
-    fit: Fit
-    n_samples: int
-    given: int = 0  # ends of its effects' times that nobody chose
-
-    @property
-    def effects(self) -> tuple[PlacedEffect, ...]:
-        """The effects, with their fitted parameters."""
-        return self.fit.model.effects
-
-    @property
-    def places(self) -> set[tuple]:
-        """What the effects are and where they act."""
-        return {effect.place for effect in self.effects}
-
-    @property
-    def n_values(self) -> int:
-        """Number of global parameters, but for those that tell where a memory begins."""
-        return self.fit.model.q.size - sum(e.effect.begin is not None for e in self.effects)
-
-    @cached_property
-    def n_parameters(self) -> int:
-        """Number of global parameters that the data can feel.
-
-        A direction in which the effects change nothing that the simulator's own parameters and the other
-        directions do not, or a parameter at its bound, was not fitted and has no price. Where a memory begins
-        has none, as initial states have none. Where many valleys were looked into, tangents say nothing, and
-        every parameter has its price.
-        """
-        model, J = self.fit.model, self.fit.jacobian
-        own, q = model.p.size, model.q
-        bounds = np.concatenate([np.empty((0, 2)), *(e.bounds for e in model.effects)])
-        inside = (q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1])
-        inside &= np.array([k != e.effect.begin for e in model.effects for k in range(e.n_theta)], dtype=bool)
-        many = np.array([e.effect.valleys > 0 for e in model.effects for _ in range(e.n_theta)], dtype=bool)
-        n_tried = int(np.sum(inside & many))
-        free = own + np.flatnonzero(inside & ~many)
-        if not free.size:
-            return own + n_tried
-        columns = out_of(J[:, :, :own], J[:, :, free] * np.abs(q[free])).reshape(-1, free.size)
-        felt = np.linalg.eigvalsh(columns.T @ columns)
-        return own + n_tried + int(np.sum(felt > 1.0))
-
-    @property
-    def criterion(self) -> float:
-        """Minus twice the log-likelihood of the whitened residual, and the price of what was chosen."""
-        return self.n_samples * np.log(max(self.fit.cost, 1e-300) / self.n_samples) + self.price
-
-    @property
-    def pace(self) -> float:
-        """Decrease of the criterion in the last iteration of the fit."""
-        return -self.n_samples * np.log1p(-min(self.fit.gained, 1.0 - 1e-9))
-
-    @cached_property
-    def price(self) -> float:
-        """Price of Hannan and Quinn (1979) a parameter, and that of BIC once an effect.
-
-        Whether an effect is there was tested; among effects with different numbers of parameters the milder
-        price of the former decides, since their shapes are fitted within narrow physical ranges. An effect
-        that one meets elsewhere pays for its odd place. What acts for a while, or happened once, pays for the
-        samples at which it begins and ends, each chosen among all.
-        """
-        n = self.n_samples
-        price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
-        price += ODD * sum(effect.odd for effect in self.effects)
-        ends = sum(int(np.isfinite(e.during).sum()) + e.effect.n_instants for e in self.effects)
-        return price + 2 * np.log(n) * (ends - self.given)
-
-
-def odd(candidate: Candidate) -> bool:
-    """Tell whether an effect of a set is met elsewhere, not at such a place."""
-    return any(effect.odd for effect in candidate.effects)
 
 
 class Step(NamedTuple):
@@ -366,7 +274,7 @@ def search(
             found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
-                detection, found = _confirmed(
+                detection, found = confirmed(
                     problem, candidate, found, detection, bank, alpha, n_jobs, random_state
                 )
                 found = found if detection.p_value <= alpha else []
@@ -392,124 +300,6 @@ def search(
 def _left_to_the_fits(detection: Detection) -> Detection:
     """Return a detection that leaves the decision to the fits: tangents tell little of what dominates."""
     return detection._replace(p_value=0.0, p_bank=0.0, p_line=0.0, p_scan=0.0)
-
-
-def _confirmed(
-    problem: Problem,
-    base: Candidate,
-    found: list[Candidate],
-    detection: Detection,
-    bank: Bank,
-    alpha: float,
-    n_jobs,
-    random_state=None,
-) -> tuple[Detection, list[Candidate]]:
-    """Return the detection with the chance that what was found is noise of some colour, and what was found.
-
-    Of what the criterion cannot tell from the best, the least chance counts. Where all of it may be noise,
-    the next best are asked: the noise so far may owe its colour to what two effects left, and one that
-    stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
-    or an offset of an output stands, with drifting noise not against it, nothing else is found; a drift that
-    fits no better than an offset is held against what an offset is.
-    """
-    if not found:
-        return detection, found
-    n_near = sum(c.criterion <= found[0].criterion + HARDLY for c in found[:CONFIRMED])
-    offsets = {e.port for c in found[:n_near] for e in _added(c, base) if e.effect.code == OFFSET}
-    asked = found[:n_near]
-
-    def chances_of(some: list[Candidate]) -> list[float]:
-        return chances(problem, base, some, offsets, bank, n_jobs, alpha, random_state)
-
-    likely = chances_of(asked)
-    if min(likely) > alpha:
-        asked = found[: n_near + CONFIRMED]
-        likely += chances_of(asked[n_near:])
-        if min(likely) <= alpha:
-            found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
-    standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
-    if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
-        found = standing
-    return detection._replace(p_value=max(detection.p_value, min(likely))), found
-
-
-def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
-    """Return what a candidate has beyond a set that it holds."""
-    return tuple(effect for effect in candidate.effects if effect.place not in base.places)
-
-
-def chances(
-    problem: Problem,
-    base: Candidate,
-    some: list[Candidate],
-    offsets: set[Port],
-    bank: Bank,
-    n_jobs,
-    alpha: float,
-    random_state=None,
-) -> list[float]:
-    """Return the chance that what each candidate adds is noise of some colour.
-
-    That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
-    at nothing, is then asked of the few ways of being so alone. What seems to be no chance at a level
-    ``alpha`` is held against what is gained by chance where noise drifts.
-    """
-    noises = [
-        sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
-    ]
-    against = sorted({kind for kinds in noises for kind in kinds})
-    asked = [(base, kind) for kind in against]
-    asked += [(c, kind) for c, kinds in zip(some, noises, strict=True) for kind in kinds]
-    deviances = iter(
-        Parallel(n_jobs=n_jobs, prefer="threads")(
-            delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in asked
-        )
-    )
-    without = {kind: next(deviances) for kind in against}
-    n_directions = bank.n_directions
-    found = []
-    for candidate, kinds in zip(some, noises, strict=True):
-        added = _added(candidate, base)
-        price = ODD * sum(effect.odd for effect in added)
-        gained = {kind: without[kind] - next(deviances) - price for kind in kinds}
-        n_felt = max(candidate.n_parameters - base.n_parameters, 1)
-        no_drift = 0.0
-        if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
-            no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
-        least = min(gained.values())
-        chance = _chance(least, added, n_felt, problem, bank, n_directions)
-        if chance <= alpha and True in gained:
-            models = base.fit.model, candidate.fit.model
-            least = as_if_white(problem, *models, least, n_felt, random_state)
-            chance = _chance(least, added, n_felt, problem, bank, n_directions)
-        found.append(max(no_drift, chance))
-    return found
-
-
-def _chance(
-    gained: float,
-    effects: tuple[PlacedEffect, ...],
-    n_felt: int,
-    problem: Problem,
-    bank: Bank,
-    n_directions: float,
-) -> float:
-    """Return the chance that noise gains as much, the less of two bounds.
-
-    One counts hypotheses, or sets of so many, and the shapes of an effect that the samples can tell apart.
-    The other counts the independent directions of the bank's columns, with as many degrees of freedom as
-    parameters are felt; it holds for one effect, and where the columns did not look at the residual.
-    """
-    n_values, blind = 1.0, True
-    for effect in effects:
-        own = [h for h in bank.hypotheses if h.placed.place == effect.place]
-        n_values *= max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
-        blind &= bool(own) and not any(h.tuned.any() for h in own)
-    n_sets = comb(max(len(bank.hypotheses), len(effects)), len(effects))
-    by_values = chance_of_noise(gained, n_sets, n_values, len(effects))
-    if len(effects) > 1 or not blind:
-        return by_values
-    return min(by_values, chance_of_noise(gained, n_directions, 1, n_felt))
 
 
 def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=None) -> Detection:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate
 from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.lookalikes import ALIKE, at_home, is_one_law, unpaid

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.explain import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.generic import LINE
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem

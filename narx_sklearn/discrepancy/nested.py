@@ -3,7 +3,7 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
-from narx_sklearn.discrepancy.explain import Candidate
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import all_bounds, fit_states

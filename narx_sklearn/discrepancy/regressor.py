@@ -19,11 +19,11 @@ from narx_sklearn._validation import (
     finite_slices,
     session_slices,
 )
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import UNEXPLAINED, Diagnosis, begin, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
-from narx_sklearn.discrepancy.explain import Candidate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.location import locate

@@ -6,7 +6,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import directions, effect_column, make_bank, off
-from narx_sklearn.discrepancy.explain import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.explain import FINE
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem

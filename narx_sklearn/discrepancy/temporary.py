@@ -8,16 +8,10 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import CERTAIN, converged, hypotheses_of, pool_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
-from narx_sklearn.discrepancy.explain import (
-    FINE,
-    HARDLY,
-    IN_REACH,
-    Candidate,
-    Step,
-    refit_leaders,
-)
+from narx_sklearn.discrepancy.explain import FINE, IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise

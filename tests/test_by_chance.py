@@ -1,0 +1,103 @@
+"""What an effect gains by chance on noise that drifts: against algebra draw by draw, and against fits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from narx_sklearn.discrepancy import by_chance
+from narx_sklearn.discrepancy.by_chance import ByChance, gained_by_chance
+from narx_sklearn.discrepancy.confirm import as_if_white
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.physics.effects import CATALOGUE
+from tests.test_restricted import LOAD, fitted, walking
+
+DRIFTING_DAMPING = PlacedEffect(
+    CATALOGUE["gain_drift"], Port("state", 1), (0.0, 1.0), theta=(0.01, 10.0, 0.0)
+)
+
+
+def drifting(seed, effect, n_samples=1500):
+    """Return a problem of drifting noise alone, its fit and that with an effect."""
+    noise = walking(np.random.default_rng(seed), n_samples)
+    problem, found = fitted(noise, n_windows=4, seed=seed)
+    problem = problem.with_noise(estimate_noise(problem.left_over(found.model), problem.seen))
+    base = fit(problem, found.model)
+    return problem, base, fit(problem, base.model._replace(effects=(effect,)))
+
+
+class TestEquivalentGain:
+    def test_chi_squared_as_it_should_be_stays(self):
+        assert ByChance(3.0, np.sqrt(6.0), 3).as_if_white(20.0, 3) == pytest.approx(20.0)
+
+    def test_a_gain_of_the_mean_is_nothing(self):
+        """The mean of chi-squared with one degree of freedom is passed in 31.7 % of all cases."""
+        assert ByChance(14.0, 4.0, 1).as_if_white(14.0, 1) == pytest.approx(1.0)
+        assert chi2.sf(ByChance(14.0, 4.0, 2).as_if_white(18.0, 1), 1) == pytest.approx(np.exp(-2.0))
+
+    def test_what_moves_no_column_is_left_alone(self):
+        assert ByChance(0.0, 0.0, 0).as_if_white(40.0, 1) == 40.0
+
+    @given(
+        st.floats(-5.0, 20.0), st.floats(0.1, 20.0), st.integers(1, 8), st.floats(0.0, 1e6), st.integers(1, 8)
+    )
+    def test_it_is_never_larger_and_grows_with_the_gain(self, mean, spread, n_columns, gained, n_felt):
+        chance = ByChance(mean, spread, n_columns)
+        less = chance.as_if_white(gained, n_felt)
+        assert 0.0 <= less <= gained
+        assert less <= chance.as_if_white(1.1 * gained, n_felt) + 1e-9
+
+
+def test_many_draws_at_once_are_each_of_them_alone():
+    problem, base, _ = drifting(0, LOAD, 300)
+    contrasts = Contrasts.of(problem, base.model)
+    draws = np.random.default_rng(0).normal(size=(*contrasts.signals.shape[:3], 5))
+    for colour in ((np.zeros(0), 0.0), (np.ones(1), 0.95), (np.array([0.5, 0.3]), 0.0)):
+        noise = Noise.white(np.ones(1)).with_colour(0, *colour)
+        together, _ = contrasts.of_rests(draws, noise)
+        for k in range(5):
+            signals = np.concatenate([contrasts.signals[..., :-1], draws[..., k : k + 1]], axis=3)
+            alone = replace(contrasts, signals=signals).under(noise)
+            assert together[k] == pytest.approx(alone.deviance, abs=1e-6)
+
+
+def test_noise_of_two_outputs_is_drawn_as_large_as_it_is():
+    noise = 0.02 * np.random.default_rng(1).normal(size=(600, 2)) * [1.0, 5.0]
+    problem, found = fitted(noise, outputs=(0, 1), n_windows=4)
+    contrasts = Contrasts.of(problem, found.model)
+    walk = Noise((np.ones(1), np.array([0.9])), np.array([0.01, 0.1]), (0.95, 0.0))
+    draws = by_chance._drawn(contrasts, walk, np.random.RandomState(0)) * contrasts.unit[:, None]
+    variance = (draws**2).mean(axis=(0, 3))  # (samples, outputs)
+    assert variance[0, 0] == pytest.approx(1e-4, rel=0.5)
+    assert variance[-1, 0] == pytest.approx(1e-4 * (1 + 599 * 0.05**2), rel=0.5)
+    assert variance[:, 1].mean() == pytest.approx(0.01 / (1 - 0.81), rel=0.1)
+
+
+def test_what_fits_gain_on_drifting_noise_is_as_large_as_simulated_and_no_chi_squared():
+    gained, as_white, means = [], [], []
+    for seed in range(20):
+        problem, base, more = drifting(seed, DRIFTING_DAMPING)
+        contrasts = Contrasts.of(problem, base.model)
+        own = own_noise(problem, base.model, contrasts=contrasts)
+        taken = own.deviance - own_noise(problem, more.model).deviance
+        chance = gained_by_chance(contrasts, Contrasts.of(problem, more.model), own.noise, seed)
+        gained.append(taken)
+        means.append(chance.mean)
+        as_white.append(as_if_white(problem, base.model, more.model, taken, 1, seed))
+    assert np.mean(means) == pytest.approx(np.mean(gained), abs=3 * np.std(gained) / np.sqrt(20))
+    assert np.mean(gained) > 2.5  # of a parameter that is felt, and two that hardly are
+    assert np.mean(as_white) < 2.0
+
+
+def test_noise_that_does_not_drift_needs_no_draws(monkeypatch):
+    noise = 0.02 * np.random.default_rng(1).normal(size=(600, 1))
+    problem, found = fitted(noise, n_windows=4)
+    more = fit(problem, found.model._replace(effects=(LOAD,)))
+    monkeypatch.setattr(by_chance, "_drawn", None)
+    assert as_if_white(problem, found.model, more.model, 12.0, 1) == 12.0

@@ -1,0 +1,152 @@
+"""What noise that drifts may be: nothing else is named for it, and an offset that did not stay is a drift."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from driven_axis import make_axis
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, confirm
+from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.confirm import more_than_drift
+from narx_sklearn.discrepancy.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+RAMP = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(0.02, 100.0, 0.0, 0.0))
+OFFSET = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.01,))
+DAMPING = PlacedEffect(CATALOGUE["gain_drift"], Port("state", 1), (0.0, 1.0), theta=(0.01, 10.0, 0.0))
+DRAG = PlacedEffect(CATALOGUE["quadratic_drag"], Port("state", 1), (0.0, 1.0), theta=(0.1,))
+SETTINGS = SimpleNamespace(alpha=0.005, n_jobs=None, random_state=0)
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]
+
+
+def make_stage(gain=1.0, damping=0.8):
+    """Return a stage on a spring, of which an offset is no initial state."""
+    return ODESimulator(
+        stage,
+        dt=0.02,
+        parameters={"gain": gain, "damping": damping},
+        states=["position", "velocity"],
+        inputs=["drive"],
+        outputs=["position"],
+    )
+
+
+@pytest.fixture(scope="module")
+def axis():
+    """Return a problem in which nothing is missing, and its fit."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0.0, 3.0, 30), 10)[:, None]
+    y = make_axis().simulate(u) + 0.002 * rng.normal(size=(300, 1))
+    windows = cut([(slice(0, 300), 0)], 75, 12)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([0.002])))
+    return problem, fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
+
+
+def leaving(base, share, *effects):
+    """Return a candidate of some effects that leaves a share of the cost."""
+    model = base.model._replace(effects=effects)
+    jacobian = np.zeros((*base.residual.shape, model.q.size))
+    return Candidate(base._replace(cost=share * base.cost, model=model, jacobian=jacobian), 300)
+
+
+def codes(candidate):
+    return [effect.effect.code for effect in candidate.effects]
+
+
+class TestMoreThanDrift:
+    def chosen(self, axis, monkeypatch, pool, chances):
+        """Return what is chosen and the sets that were asked, with what each was held against."""
+        problem, base = axis
+        asked = []
+
+        def given(problem, beside, some, *rest):
+            (candidate,) = some
+            asked.append((codes(beside), codes(candidate)))
+            return [chances[tuple(codes(candidate))]]
+
+        monkeypatch.setattr(confirm, "chances", given)
+        best = min(pool, key=lambda c: c.criterion)
+        return codes(more_than_drift(problem, base, best, pool, None, SETTINGS)), asked
+
+    def test_a_name_that_stands_stays(self, axis, monkeypatch):
+        pool = [leaving(axis[1], 0.8, DAMPING), leaving(axis[1], 0.85, RAMP)]
+        found = self.chosen(axis, monkeypatch, pool, {("gain_drift",): 0.001})
+        assert found == (["gain_drift"], [([], ["gain_drift"])])
+
+    def test_one_that_may_be_noise_gives_way_to_the_next(self, axis, monkeypatch):
+        pool = [
+            leaving(axis[1], share, effect) for share, effect in ((0.8, DAMPING), (0.82, DRAG), (0.85, RAMP))
+        ]
+        chances = {("gain_drift",): 0.2, ("quadratic_drag",): 0.001}
+        found, asked = self.chosen(axis, monkeypatch, pool, chances)
+        assert found == ["quadratic_drag"]
+        assert len(asked) == 2
+        chances["quadratic_drag",] = 0.2
+        assert self.chosen(axis, monkeypatch, pool, chances)[0] == ["additive_drift"]
+
+    def test_what_is_beside_a_drift_is_held_against_the_drift(self, axis, monkeypatch):
+        pool = [leaving(axis[1], 0.7, DAMPING, RAMP), leaving(axis[1], 0.75, RAMP)]
+        found = self.chosen(axis, monkeypatch, pool, {("gain_drift", "additive_drift"): 0.2})
+        assert found == (["additive_drift"], [(["additive_drift"], ["gain_drift", "additive_drift"])])
+
+    @pytest.mark.parametrize("far", [True, False])
+    def test_nobody_is_asked_where_no_drift_is_nearly_as_likely(self, far, axis, monkeypatch):
+        rest = [leaving(axis[1], 0.7, RAMP)] if far else []
+        found = self.chosen(axis, monkeypatch, [leaving(axis[1], 0.5, DRAG), *rest], {})
+        assert found == (["quadratic_drag"], [])
+
+    def test_what_a_set_adds_is_what_its_base_lacks_in_any_order(self, axis):
+        base, both = leaving(axis[1], 0.8, RAMP), leaving(axis[1], 0.7, DAMPING, RAMP)
+        assert confirm._added(both, base) == (DAMPING,)
+
+
+class TestOffsetThatDidNotStay:
+    def diagnosis(self, axis, best, *rivals, verdict="ambiguous"):
+        found = Diagnosis(
+            verdict, axis[0], None, axis[1], axis[1], best, (0,), (rivals,), 0.0, 1.0, (), 1.0, np.inf, None
+        )
+        return found.as_drift
+
+    def test_is_a_drift(self, axis):
+        offset, ramp, drag = (leaving(axis[1], 0.8, effect) for effect in (OFFSET, RAMP, DRAG))
+        found = self.diagnosis(axis, offset, ramp)
+        assert (found.verdict, found.best, found.alternatives) == ("explained", ramp, ((),))
+        found = self.diagnosis(axis, offset, drag, ramp)
+        assert (found.verdict, codes(found.best), found.alternatives) == (
+            "ambiguous",
+            ["additive_drift"],
+            ((drag,),),
+        )
+
+    def test_what_is_none_has_nothing_to_give(self, axis):
+        offset, ramp, drag = (leaving(axis[1], 0.8, effect) for effect in (OFFSET, RAMP, DRAG))
+        at_state = leaving(axis[1], 0.8, replace(RAMP, port=Port("state", 1)))
+        assert self.diagnosis(axis, ramp, offset) is None
+        assert self.diagnosis(axis, drag, ramp) is None
+        assert self.diagnosis(axis, offset, at_state) is None
+        assert self.diagnosis(axis, leaving(axis[1], 0.8, OFFSET, DRAG), ramp) is None
+
+    def test_it_is_told_as_a_drift_where_held_out_samples_refute_it(self, monkeypatch):
+        rng = np.random.default_rng(3)
+        n = 1200
+        u = np.repeat(rng.normal(0.0, 3.0, n // 15), 15)[:, None]
+        y = make_stage(1.1, 0.7).simulate(u) + 0.01 * rng.normal(size=(n, 1)) + 0.01
+        asked = {"effects": ["sensor_bias", "additive_drift"], "random_state": 0}
+        dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
+        assert dx.findings_[0].effect == "sensor_bias"
+        assert "additive_drift" in dx.findings_[0].lookalikes
+        monkeypatch.setattr(DiscrepancyRegressor, "_harms", lambda self, held: True)
+        dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
+        assert dx.verdict_ in ("explained", "ambiguous")
+        assert dx.findings_[0].effect == "additive_drift"
+        assert "sensor_bias" not in dx.findings_[0].lookalikes
