@@ -298,8 +298,24 @@ class TestNoise:
         np.testing.assert_allclose(
             np.sum(white**2, axis=(1, 2)), [x @ np.linalg.solve(covariance, x) for x in r[:, :, 0]], rtol=1e-6
         )
-        determinant = noise.log_determinant(1) + 2 * n * np.log(1.7)
-        assert determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
+        e, counts, determinant = noise.innovations_from_zero(r, np.ones((3, n), dtype=bool), 0)
+        assert counts.all()
+        np.testing.assert_allclose(e / 1.7, white, rtol=1e-9)
+        assert determinant + 6 * n * np.log(1.7) == pytest.approx(
+            3 * np.linalg.slogdet(covariance)[1], rel=1e-6
+        )
+
+    @pytest.mark.parametrize(("a", "b"), [(1.0, 0.95), (0.97, 0.9)])
+    def test_what_drifted_before_is_in_the_covariance(self, a, b):
+        """A drift that began at zero 70 samples before the first, against its covariance from there on."""
+        noise, n, before = Noise((np.array([a]),), np.array([1.7]), (b,)), 40, np.array([0, 70])
+        root = lfilter([1.0, -b], [1.0, -a], np.eye(n + 70), axis=0)
+        r = np.random.default_rng(0).normal(size=(2, n, 1))
+        e, _, determinant = noise.innovations_from_zero(r, np.ones((2, n), dtype=bool), 0, before)
+        V = [(root @ root.T)[k : k + n, k : k + n] for k in before]
+        expected = [x @ np.linalg.solve(v, x) for v, x in zip(V, r[:, :, 0], strict=True)]
+        np.testing.assert_allclose(np.sum(e**2, axis=(1, 2)), expected, rtol=1e-9)
+        assert determinant == pytest.approx(sum(np.linalg.slogdet(v)[1] for v in V), rel=1e-9)
 
     def test_a_run_that_leaves_the_finite_range_has_no_finite_innovations(self):
         signal = np.ones((2, 20, 1))

@@ -99,6 +99,11 @@ class TestMoreThanDrift:
         found = self.chosen(axis, monkeypatch, pool, {("gain_drift", "additive_drift"): 0.2})
         assert found == (["additive_drift"], [(["additive_drift"], ["gain_drift", "additive_drift"])])
 
+    def test_an_offset_must_be_more_too(self, axis, monkeypatch):
+        pool = [leaving(axis[1], 0.8, OFFSET), leaving(axis[1], 0.8, RAMP)]
+        found = self.chosen(axis, monkeypatch, pool, {("sensor_bias",): 0.02})
+        assert found == (["additive_drift"], [([], ["sensor_bias"])])
+
     @pytest.mark.parametrize("far", [True, False])
     def test_nobody_is_asked_where_no_drift_is_nearly_as_likely(self, far, axis, monkeypatch):
         rest = [leaving(axis[1], 0.7, RAMP)] if far else []

@@ -67,8 +67,12 @@ def _drawn(contrasts: Contrasts, noise: Noise, rng: np.random.RandomState) -> np
         a, b = noise.colour(output)
         before = 0 if b else BEFORE
         e = rng.standard_normal((stretches, before + samples, DRAWS))
-        e *= noise.sigma[output] / contrasts.unit[output]
-        draws[:, :, output] = lfilter([1.0, -b], np.r_[1.0, -a], e, axis=1)[:, before:]
+        drawn = lfilter([1.0, -b], np.r_[1.0, -a], e, axis=1)[:, before:]
+        if b:
+            gone = np.sqrt(noise.gone_after(contrasts.before, output))
+            levels = gone[:, None] * rng.standard_normal((stretches, DRAWS))
+            drawn += levels[:, None] * (a[0] ** np.arange(samples))[:, None]
+        draws[:, :, output] = noise.sigma[output] / contrasts.unit[output] * drawn
     return np.where(contrasts.seen[:, :, :, None], draws, 0.0)
 
 

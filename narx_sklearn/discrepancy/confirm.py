@@ -71,9 +71,14 @@ def is_slow(effect: PlacedEffect) -> bool:
     return is_of_a_sensor(effect) or effect.effect.code in (OFFSET, LOAD)
 
 
+def is_drift(effect: PlacedEffect) -> bool:
+    """Tell whether an effect is a drift of an output."""
+    return effect.port.kind == "output" and effect.effect.code == DRIFT
+
+
 def is_of_a_sensor(effect: PlacedEffect) -> bool:
     """Tell whether an effect is a drift or an offset of an output, which noise of that output may be."""
-    return effect.port.kind == "output" and effect.effect.code in (DRIFT, OFFSET)
+    return is_drift(effect) or (effect.port.kind == "output" and effect.effect.code == OFFSET)
 
 
 def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float:
@@ -239,11 +244,11 @@ def more_than_drift(
     drifts: without the drift, or with another name in its place.
     """
 
-    def is_drift(c: Candidate) -> bool:
-        return all(is_of_a_sensor(effect) for effect in c.effects)
+    def is_all_drift(c: Candidate) -> bool:
+        return all(is_drift(effect) for effect in c.effects)
 
-    drift = min((c.criterion for c in pool if is_drift(c)), default=np.inf)
-    while not is_drift(best) and drift <= best.criterion + CERTAIN:
+    drift = min((c.criterion for c in pool if is_all_drift(c)), default=np.inf)
+    while not is_all_drift(best) and drift <= best.criterion + CERTAIN:
         if _is_more_than_drift(problem, refitted, best, bank, settings):
             return best
         pool = [c for c in pool if c.places != best.places]
@@ -254,11 +259,11 @@ def more_than_drift(
 def _is_more_than_drift(
     problem: Problem, refitted: Fit, candidate: Candidate, bank: Bank, settings: Settings
 ) -> bool:
-    """Tell whether noise that drifts cannot be what a set has beside drifts and offsets of outputs."""
-    of_sensors = tuple(effect for effect in candidate.effects if is_of_a_sensor(effect))
+    """Tell whether noise that drifts cannot be what a set has beside drifts of outputs."""
+    drifts = tuple(effect for effect in candidate.effects if is_drift(effect))
     base = refitted
-    if of_sensors:
-        base = fit(problem, candidate.fit.model._replace(effects=of_sensors), n_jobs=settings.n_jobs)
+    if drifts:
+        base = fit(problem, candidate.fit.model._replace(effects=drifts), n_jobs=settings.n_jobs)
     n_jobs, alpha, random_state = settings.n_jobs, settings.alpha, settings.random_state
     beside = Candidate(base, candidate.n_samples)
     (chance,) = chances(problem, beside, [candidate], set(), bank, n_jobs, alpha, random_state)

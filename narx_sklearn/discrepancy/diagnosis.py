@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.confirm import (
     OFFSET,
     chance_of_noise,
     deviance,
+    is_drift,
     is_of_a_sensor,
     more_than_drift,
     n_shapes,
@@ -109,7 +110,7 @@ class Diagnosis:
         if len(self.best.effects) != 1 or self.best.effects[0].effect.code != OFFSET:
             return None
         (rivals,) = self.alternatives
-        drifts = [c for c in rivals if c.effects[0].effect.code == DRIFT and is_of_a_sensor(c.effects[0])]
+        drifts = [c for c in rivals if is_drift(c.effects[0])]
         if not drifts:
             return None
         others = tuple(c for c in rivals if c is not drifts[0])

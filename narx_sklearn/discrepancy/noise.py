@@ -65,11 +65,11 @@ class Noise(NamedTuple):
             return _root_of_covariance(tuple(a.tolist()))
         return np.sqrt([[1.0 + (a[0] - b) ** 2 / max(1.0 - a[0] ** 2, FORGOTTEN)]])
 
-    def log_determinant(self, n_stretches: int) -> float:
-        """Return the log determinant of innovations from zero: of the beginnings of what does not drift."""
-        outputs = range(len(self.coefficients))
-        roots = [self.starting(o) for o in outputs if not (self.average and self.average[o])]
-        return 2 * n_stretches * sum(float(np.log(np.diag(root)).sum()) for root in roots if root is not None)
+    def gone_after(self, samples: np.ndarray, output: int) -> np.ndarray:
+        """Return how far the drift of an output goes in some samples, its variance over the innovations'."""
+        a, b = self.coefficients[output][0], self.average[output]
+        steps = samples if a == 1.0 else (1.0 - a ** (2.0 * samples)) / (1.0 - a * a)
+        return (a - b) ** 2 * steps
 
     def innovations(self, windowed: np.ndarray, counts: np.ndarray | None = None) -> np.ndarray:
         """Return the scaled innovations of a signal in windows, (W, L, n_outputs); zero where unknown.
@@ -104,28 +104,50 @@ class Noise(NamedTuple):
         return out
 
     def innovations_from_zero(
-        self, signals: np.ndarray, seen: np.ndarray, output: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return innovations of one output, not scaled, and where they count.
+        self, signals: np.ndarray, seen: np.ndarray, output: int, before: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return innovations of one output, not scaled, where they count, and their log determinant.
 
-        What drifts begins at zero with the first sample; what does not has its whole covariance from there.
+        What drifts begins at zero, so many samples before the first; what does not drift has its whole
+        covariance from the first on.
 
         Parameters
         ----------
         signals : ndarray of shape (n_stretches, n_samples, n_signals)
             Zero where not seen.
         seen : ndarray of bool of shape (n_stretches, n_samples)
+        before : ndarray of shape (n_stretches,), optional
+            Samples that passed since the drift began; none by default.
         """
         a, b = self.colour(output)
         root = None if b else self.starting(output)
-        e, counts = lfilter(np.r_[1.0, -a], [1.0], signals, axis=1), seen.copy()
+        level = np.where(seen, (a[0] if b else 0.0) ** np.arange(seen.shape[1]), 0.0)
+        e = lfilter(np.r_[1.0, -a], [1.0], np.concatenate([signals, level[:, :, None]], axis=2), axis=1)
+        counts, log_determinant = seen.copy(), 0.0
         for lag in range(1, a.size + 1):
             counts[:, lag:] &= seen[:, :-lag]
         if a.size and root is not None:
-            e[:, : a.size] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
+            e[:, : a.size, :-1] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
+            log_determinant = 2 * len(seen) * float(np.log(np.diag(root)).sum())
         if b:
             e = lfilter([1.0], [1.0, -b], np.where(counts[:, :, None], e, 0.0), axis=1)
-        return e, counts
+            if before is not None:
+                e, log_determinant = _from_a_level(e, counts, self.gone_after(before, output))
+        return e[:, :, :-1], counts, log_determinant
+
+
+def _from_a_level(e: np.ndarray, counts: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return innovations of a drift that had gone somewhere before, and the log determinant of that.
+
+    The last signal is what a unit of the level leaves behind; in its direction alone innovations are larger.
+    """
+    trace = np.where(counts, e[:, :, -1], 0.0)
+    length = np.einsum("st,st->s", trace, trace)
+    larger = 1.0 + variance * length
+    less = (1.0 - 1.0 / np.sqrt(larger)) / np.where(length > 0, length, 1.0)
+    return e - np.einsum("s,st,su,suk->stk", less, trace, trace, e, optimize=True), float(
+        np.log(larger).sum()
+    )
 
 
 @lru_cache(maxsize=64)

@@ -63,6 +63,7 @@ class Contrasts:
     seen: np.ndarray  # (stretches, samples, outputs)
     n_nuisances: int  # orthonormal responses to initial states and the simulator's own parameters
     unit: np.ndarray  # (outputs,) in which outputs are counted
+    before: np.ndarray  # (stretches,) samples since the session began
 
     @classmethod
     def of(cls, problem: Problem, model: Model) -> "Contrasts":
@@ -96,7 +97,9 @@ class Contrasts:
             signals[stretch, rows, :, n_states:] = _by_output(common, n_outputs)[:length]
             seen[stretch, rows] = problem.seen[window, :length]
             column = own_columns.stop
-        return cls(signals, seen, n_states + own.shape[2], unit)
+        begins = np.diff([stretch for stretch, *_ in places], prepend=-1) > 0
+        before = (problem.windows.first - problem.windows.began)[begins]
+        return cls(signals, seen, n_states + own.shape[2], unit, before)
 
     @property
     def n_others(self) -> int:
@@ -124,8 +127,11 @@ class Contrasts:
         n_columns = self.signals.shape[3] - 1
         for output in range(self.unit.size):
             signals = np.concatenate([self.signals[:, :, output, :-1], rests[:, :, output]], axis=2)
-            e, counts = noise.innovations_from_zero(signals, self.seen[:, :, output], output)
+            e, counts, log_determinant = noise.innovations_from_zero(
+                signals, self.seen[:, :, output], output, self.before
+            )
             e = e[counts]
+            deviance += log_determinant
             size = np.sqrt(max(float(np.mean(e[:, n_columns:] ** 2)), 1e-300)) if len(e) else 1.0
             whitened.append(e / size)
             weights.append(size)
@@ -136,7 +142,7 @@ class Contrasts:
         n, k = sum(len(e) for e in whitened), self.n_nuisances
         left = _left_by(columns, with_rests, squares)
         cost = np.maximum(left, 1e-300) / max(n - k, 1)
-        deviance += noise.log_determinant(self.seen.shape[0]) + _log_determinant(columns[:k, :k])
+        deviance += _log_determinant(columns[:k, :k])
         return deviance + (n - k) * np.log(cost), np.array(weights) * np.sqrt(cost.mean())
 
     def likeliest_walk(self, noise: Noise, output: int) -> OwnNoise:
