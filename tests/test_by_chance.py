@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2
 
 from narx_sklearn.discrepancy import by_chance
 from narx_sklearn.discrepancy.by_chance import ByChance, gained_by_chance
+from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import as_if_white
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -34,24 +34,22 @@ def drifting(seed, effect, n_samples=1500):
 
 class TestEquivalentGain:
     def test_chi_squared_as_it_should_be_stays(self):
-        assert ByChance(3.0, np.sqrt(6.0), 3).as_if_white(20.0, 3) == pytest.approx(20.0)
+        assert ByChance(3.0, np.sqrt(6.0), 3).as_if_white(20.0) == pytest.approx(20.0)
 
-    def test_a_gain_of_the_mean_is_nothing(self):
-        """The mean of chi-squared with one degree of freedom is passed in 31.7 % of all cases."""
-        assert ByChance(14.0, 4.0, 1).as_if_white(14.0, 1) == pytest.approx(1.0)
-        assert chi2.sf(ByChance(14.0, 4.0, 2).as_if_white(18.0, 1), 1) == pytest.approx(np.exp(-2.0))
+    def test_a_gain_of_the_mean_is_one_of_the_mean(self):
+        assert ByChance(14.0, 4.0, 1).as_if_white(14.0) == pytest.approx(1.0)
+        assert ByChance(14.0, 4.0, 2).as_if_white(18.0) == pytest.approx(4.0)
+        assert ByChance(14.0, 4.0, 1).as_if_white(2.0) == 0.0
 
     def test_what_moves_no_column_is_left_alone(self):
-        assert ByChance(0.0, 0.0, 0).as_if_white(40.0, 1) == 40.0
+        assert ByChance(0.0, 0.0, 0).as_if_white(40.0) == 40.0
 
-    @given(
-        st.floats(-5.0, 20.0), st.floats(0.1, 20.0), st.integers(1, 8), st.floats(0.0, 1e6), st.integers(1, 8)
-    )
-    def test_it_is_never_larger_and_grows_with_the_gain(self, mean, spread, n_columns, gained, n_felt):
+    @given(st.floats(-5.0, 20.0), st.floats(0.1, 20.0), st.integers(0, 8), st.floats(0.0, 1e6))
+    def test_it_is_never_larger_and_grows_with_the_gain(self, mean, spread, n_columns, gained):
         chance = ByChance(mean, spread, n_columns)
-        less = chance.as_if_white(gained, n_felt)
+        less = chance.as_if_white(gained)
         assert 0.0 <= less <= gained
-        assert less <= chance.as_if_white(1.1 * gained, n_felt) + 1e-9
+        assert less <= chance.as_if_white(1.1 * gained) + 1e-9
 
 
 def test_many_draws_at_once_are_each_of_them_alone():
@@ -80,7 +78,7 @@ def test_noise_of_two_outputs_is_drawn_as_large_as_it_is():
 
 
 def test_what_fits_gain_on_drifting_noise_is_as_large_as_simulated_and_no_chi_squared():
-    gained, as_white, means = [], [], []
+    gained, as_white, means, n_felt = [], [], [], []
     for seed in range(20):
         problem, base, more = drifting(seed, DRIFTING_DAMPING)
         contrasts = Contrasts.of(problem, base.model)
@@ -89,10 +87,27 @@ def test_what_fits_gain_on_drifting_noise_is_as_large_as_simulated_and_no_chi_sq
         chance = gained_by_chance(contrasts, Contrasts.of(problem, more.model), own.noise, seed)
         gained.append(taken)
         means.append(chance.mean)
-        as_white.append(as_if_white(problem, base.model, more.model, taken, 1, seed))
+        pair = [Candidate(found, problem.n_seen) for found in (base, more)]
+        as_white.append(as_if_white(problem, *pair, taken, seed))
+        n_felt.append(max(pair[1].felt.shape[1], 1))
     assert np.mean(means) == pytest.approx(np.mean(gained), abs=3 * np.std(gained) / np.sqrt(20))
-    assert np.mean(gained) > 2.5  # of a parameter that is felt, and two that hardly are
-    assert np.mean(as_white) < 2.0
+    beyond = np.array(as_white) - n_felt  # chi-squared of as many degrees of freedom has that mean
+    assert np.mean(beyond) < 3 * np.std(beyond) / np.sqrt(20)
+    assert np.mean(gained) > np.mean(n_felt) + 1.0
+
+
+def test_what_nobody_feels_counts_for_nothing():
+    """Steps of a converter below the noise have no response that counts, a play at its bound none at all."""
+    problem, base, _ = drifting(0, LOAD, 300)
+    coarse = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.001,))
+    both = fit(problem, base.model._replace(effects=(coarse, LOAD)), iterations=0)
+    felt = Candidate(both, problem.n_seen).felt
+    assert felt.shape[0] == 2
+    contrasts = Contrasts.of(problem, both.model, felt)
+    assert contrasts.n_others == felt.shape[1]
+    assert Contrasts.of(problem, both.model).n_others == 1
+    told = Contrasts.of(problem, both.model, np.array([[0.0], [2.0]]))
+    np.testing.assert_allclose(told.signals, Contrasts.of(problem, both.model).signals)
 
 
 def test_noise_that_does_not_drift_needs_no_draws(monkeypatch):
@@ -100,4 +115,5 @@ def test_noise_that_does_not_drift_needs_no_draws(monkeypatch):
     problem, found = fitted(noise, n_windows=4)
     more = fit(problem, found.model._replace(effects=(LOAD,)))
     monkeypatch.setattr(by_chance, "_drawn", None)
-    assert as_if_white(problem, found.model, more.model, 12.0, 1) == 12.0
+    pair = (Candidate(some, problem.n_seen) for some in (found, more))
+    assert as_if_white(problem, *pair, 12.0) == 12.0

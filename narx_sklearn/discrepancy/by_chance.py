@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import chi2
 from sklearn.utils import check_random_state
 
 from narx_sklearn.discrepancy.noise import SLOWEST, Noise
@@ -20,7 +19,6 @@ from narx_sklearn.discrepancy.restricted import Contrasts
 DRAWS = 100
 GRID = 8  # paces of a drift that are tried, evenly in the logarithm
 BEFORE = 1000  # samples by which noise that does not drift began before the first
-LARGEST = 500.0  # gain beyond which nothing is by chance
 
 
 class ByChance(NamedTuple):
@@ -30,17 +28,15 @@ class ByChance(NamedTuple):
     spread: float
     n_columns: int
 
-    def as_if_white(self, gained: float, n_felt: int) -> float:
-        """Return the gain that is as rare under white noise, ``n_felt`` parameters felt; never a larger one.
+    def as_if_white(self, gained: float) -> float:
+        """Return the gain that is as rare under white noise; never a larger one.
 
         Chance gains are taken for chi-squared of as many degrees of freedom as columns, moved and stretched.
         """
-        if not (self.n_columns and self.spread > 0):
+        if not self.spread > 0:
             return gained
-        n = self.n_columns
-        standard = n + (gained - self.mean) / self.spread * np.sqrt(2.0 * n)
-        rare = chi2.sf(np.clip(standard, 0.0, LARGEST), n)
-        return min(gained, float(chi2.isf(rare, n_felt)))
+        n = max(self.n_columns, 1)
+        return min(gained, max(0.0, n + (gained - self.mean) / self.spread * np.sqrt(2.0 * n)))
 
 
 def gained_by_chance(base: Contrasts, candidate: Contrasts, noise: Noise, random_state=None) -> ByChance:

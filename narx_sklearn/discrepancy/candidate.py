@@ -36,9 +36,14 @@ class Candidate:
         """Number of global parameters, but for those that tell where a memory begins."""
         return self.fit.model.q.size - sum(e.effect.begin is not None for e in self.effects)
 
-    @cached_property
+    @property
     def n_parameters(self) -> int:
-        """Number of global parameters that the data can feel.
+        """Number of global parameters that the data can feel."""
+        return self.fit.model.p.size + self.felt.shape[1]
+
+    @cached_property
+    def felt(self) -> np.ndarray:
+        """Directions of the effects' parameters that the data can feel, (n_parameters_of_effects, n_felt).
 
         A direction in which the effects change nothing that the simulator's own parameters and the other
         directions do not, or a parameter at its bound, was not fitted and has no price. Where a memory begins
@@ -51,13 +56,15 @@ class Candidate:
         inside = (q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1])
         inside &= np.array([k != e.effect.begin for e in model.effects for k in range(e.n_theta)], dtype=bool)
         many = np.array([e.effect.valleys > 0 for e in model.effects for _ in range(e.n_theta)], dtype=bool)
-        n_tried = int(np.sum(inside & many))
-        free = own + np.flatnonzero(inside & ~many)
+        tried, free = np.eye(inside.size)[:, inside & many], np.flatnonzero(inside & ~many)
         if not free.size:
-            return own + n_tried
-        columns = out_of(J[:, :, :own], J[:, :, free] * np.abs(q[free])).reshape(-1, free.size)
-        felt = np.linalg.eigvalsh(columns.T @ columns)
-        return own + n_tried + int(np.sum(felt > 1.0))
+            return tried
+        size = np.abs(q[own:][free])
+        columns = out_of(J[:, :, :own], J[:, :, own + free] * size).reshape(-1, free.size)
+        values, vectors = np.linalg.eigh(columns.T @ columns)
+        told = np.zeros((inside.size, int(np.sum(values > 1.0))))
+        told[free] = size[:, None] * vectors[:, values > 1.0]
+        return np.concatenate([tried, told], axis=1)
 
     @property
     def criterion(self) -> float:

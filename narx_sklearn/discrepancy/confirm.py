@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.settings import Settings
 DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
 LEVELS = 2  # ways in which an output may be slowly off: from the first sample on, or as time goes
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
+DOUBTFUL = 0.05  # chance of being noise, up to which an explanation stays beside a drift that is one too
 CLEARER = 10.0  # difference of the deviance that makes a noise clearly the likelier
 
 
@@ -87,23 +88,27 @@ def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float
 
 
 def as_if_white(
-    problem: Problem, base: Model, model: Model, gained: float, n_felt: int, random_state=None
+    problem: Problem, base: Candidate, candidate: Candidate, gained: float, random_state=None
 ) -> float:
-    """Return what a model would gain as rarely over its base if the noise beside the base did not drift.
+    """Return what a set would gain as rarely over its base if the noise beside the base did not drift.
+
+    What the data do not feel of its parameters counts for nothing.
 
     Parameters
     ----------
     gained : float
         What it takes off the deviance.
-    n_felt : int
-        Degrees of freedom of what is gained under white noise.
     """
-    contrasts = Contrasts.of(problem, base)
-    noise = own_noise(problem, base, contrasts=contrasts).noise
+    own, felt = (_contrasts(problem, c) for c in (base, candidate))
+    noise, without = own_noise(problem, base.fit.model, contrasts=own)
     if not any(noise.average):
         return gained
-    chance = gained_by_chance(contrasts, Contrasts.of(problem, model), noise, random_state)
-    return chance.as_if_white(gained, n_felt)
+    gained = min(gained, without - own_noise(problem, candidate.fit.model, contrasts=felt).deviance)
+    return gained_by_chance(own, felt, noise, random_state).as_if_white(gained)
+
+
+def _contrasts(problem: Problem, candidate: Candidate) -> Contrasts:
+    return Contrasts.of(problem, candidate.fit.model, candidate.felt)
 
 
 def clearer_noise(problem: Problem, found: Fit) -> Noise | None:
@@ -132,8 +137,8 @@ def confirmed(
     Of what the criterion cannot tell from the best, the least chance counts. Where all of it may be noise,
     the next best are asked: the noise so far may owe its colour to what two effects left, and one that
     stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
-    or an offset of an output stands, with drifting noise not against it, nothing else is found; a drift that
-    fits no better than an offset is held against what an offset is.
+    or an offset of an output stands, with drifting noise not against it, nothing else is found but what is
+    hardly noise; a drift that fits no better than an offset is held against what an offset is.
     """
     if not found:
         return detection, found
@@ -142,7 +147,7 @@ def confirmed(
     asked = found[:n_near]
 
     def chances_of(some: list[Candidate]) -> list[float]:
-        return chances(problem, base, some, offsets, bank, n_jobs, alpha, random_state)
+        return chances(problem, base, some, offsets, bank, n_jobs, random_state)
 
     likely = chances_of(asked)
     if min(likely) > alpha:
@@ -152,7 +157,7 @@ def confirmed(
             found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
     standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
     if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
-        found = standing
+        found = [c for c, chance in zip(asked, likely, strict=True) if chance <= max(alpha, DOUBTFUL)]
     return detection._replace(p_value=max(detection.p_value, min(likely))), found
 
 
@@ -168,14 +173,13 @@ def chances(
     offsets: set[Port],
     bank: Bank,
     n_jobs,
-    alpha: float,
     random_state=None,
 ) -> list[float]:
     """Return the chance that what each candidate adds is noise of some colour.
 
     That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
-    at nothing, is then asked of the few ways of being so alone. What seems to be no chance at a level
-    ``alpha`` is held against what is gained by chance where noise drifts.
+    at nothing, is then asked of the few ways of being so alone. What seems hardly noise is held against what
+    is gained by chance where noise drifts.
     """
     noises = [
         sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
@@ -201,9 +205,8 @@ def chances(
             no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
         least = min(gained.values())
         chance = _chance(least, added, n_felt, problem, bank, n_directions)
-        if chance <= alpha and True in gained:
-            models = base.fit.model, candidate.fit.model
-            least = as_if_white(problem, *models, least, n_felt, random_state)
+        if chance <= DOUBTFUL and True in gained:
+            least = as_if_white(problem, base, candidate, least + price, random_state) - price
             chance = _chance(least, added, n_felt, problem, bank, n_directions)
         found.append(max(no_drift, chance))
     return found
@@ -264,7 +267,7 @@ def _is_more_than_drift(
     base = refitted
     if drifts:
         base = fit(problem, candidate.fit.model._replace(effects=drifts), n_jobs=settings.n_jobs)
-    n_jobs, alpha, random_state = settings.n_jobs, settings.alpha, settings.random_state
     beside = Candidate(base, candidate.n_samples)
-    (chance,) = chances(problem, beside, [candidate], set(), bank, n_jobs, alpha, random_state)
-    return chance <= alpha
+    n_jobs, random_state = settings.n_jobs, settings.random_state
+    (chance,) = chances(problem, beside, [candidate], set(), bank, n_jobs, random_state)
+    return chance <= settings.alpha

@@ -11,6 +11,7 @@ initial states and parameters. It is linear about a fitted model.
 """
 
 from dataclasses import dataclass
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -66,18 +67,26 @@ class Contrasts:
     before: np.ndarray  # (stretches,) samples since the session began
 
     @classmethod
-    def of(cls, problem: Problem, model: Model) -> "Contrasts":
+    def of(cls, problem: Problem, model: Model, felt: np.ndarray | None = None) -> "Contrasts":
         """Linearise a model about its run; outputs are counted in what they jitter by.
+
+        Of the effects' parameters all count, or the directions ``felt`` alone, one a column.
 
         The responses are those without the steps of a converter: differences through these are steps too, of
         which drifting noise has none, so states and parameters would seem to take up little of it.
         """
         unit = _jitter(problem)
         plain = problem.with_noise(Noise.white(unit))
-        smooth = tuple(effect for effect in model.effects if effect.effect.code not in STEPPED)
+        is_smooth = np.array([effect.effect.code not in STEPPED for effect in model.effects], dtype=bool)
+        smooth = tuple(compress(model.effects, is_smooth))
         at = fit(plain, model._replace(effects=smooth), iterations=0)
         own = _orthonormal(at.jacobian[:, :, : model.p.size])
-        others = _normalised(at.jacobian[:, :, model.p.size :])
+        others = at.jacobian[:, :, model.p.size :]
+        if felt is not None:
+            others = (
+                others @ felt[np.repeat(is_smooth, np.array([e.n_theta for e in model.effects], dtype=int))]
+            )
+        others = _normalised(others)
         rest = np.nan_to_num(plain.residual(plain.run(model)))[:, :, None]
         shared = np.concatenate([own, others, rest], axis=2)
         places, shape = _places(problem.windows)
