@@ -153,6 +153,7 @@ class TestChanceOfNoise:
             return deviances[code] if code in deviances else deviances[code, may_drift]
 
         monkeypatch.setattr(confirm, "deviance", given)
+        monkeypatch.setattr(confirm, "as_if_white", lambda problem, base, candidate, gained, seed: gained)
         certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
         found, stays = confirm.confirmed(problem, base, found, certain, bank, alpha, None)
         return found.p_value, [c.effects[0].effect.code for c in stays]
@@ -194,6 +195,15 @@ class TestChanceOfNoise:
         assert noises_against(drift) == (False,)
         assert noises_against(drift, as_offset=True) == (False, True)
         assert noises_against(friction(0.1), as_offset=True) == (True,)
+
+    @pytest.mark.parametrize(("gained", "stays"), [(9.0, True), (1.0, False)])
+    def test_where_only_a_drift_stands_what_is_hardly_noise_stays_beside_it(self, gained, stays, monkeypatch):
+        drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(1.0, 0.0, 0.0, 0.0))
+        drag, spring = self.THREE[1:]
+        deviances = {("additive_drift", False): -100.0, "quadratic_drag": -gained, "cubic_stiffness": -1.0}
+        p, found = self.asked(monkeypatch, deviances, alpha=1e-3, effects=[drag, drift, spring])
+        assert p < 1e-10
+        assert found == (["quadratic_drag", "additive_drift"] if stays else ["additive_drift"])
 
 
 class TestAsked:
