@@ -1039,6 +1039,33 @@ def test_next_to_nothing_of_a_strong_effect_excludes_no_rival_with_as_few_parame
     assert any(c is near for c in found) == stays
 
 
+@pytest.mark.parametrize(("share", "stays"), [(0.9, True), (1.1, False)])
+def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share, stays):
+    """A root outflow of which an exponent, a head and a ratio were fitted unfelt, and an offset."""
+    problem, start = axis_problem()
+    base = fit(problem, start)
+    outflow = PlacedEffect(
+        CATALOGUE["root_outflow"], Port("state", 1), (0.0, 1.0), theta=(0.1, 0.4, 5.0, 1.2), onward=0
+    )
+    offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+
+    def leaving(more, effect):
+        model = base.model._replace(effects=(effect,))
+        cost = 0.9 * base.cost * np.exp(more / problem.n_seen)
+        jacobian = np.zeros((*base.residual.shape, model.q.size))
+        return Candidate(base._replace(cost=cost, model=model, jacobian=jacobian), problem.n_seen)
+
+    best = leaving(0.0, outflow)
+    price = 3 * 2 * np.log(np.log(problem.n_seen))
+    other = leaving(HARDLY + share * price, offset)
+    assert any(c is other for c in look_alikes(problem, best, [other], 0.0, {})) == stays
+    found = SimpleNamespace(
+        best=best, alternatives=((),), steps=[SimpleNamespace(candidates=[other])], p_missing=0.0
+    )
+    odds = np.exp(0.5 * max(HARDLY + share * price - price, 0.0))
+    assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
+
+
 @pytest.mark.parametrize(
     ("p_value", "share", "of_form", "verdict"),
     [

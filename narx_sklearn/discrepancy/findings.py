@@ -115,7 +115,7 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     rivals = (c for some in diagnosis.alternatives for c in some)
     for candidate, other in _in_its_place(best, i, [*pool_of(diagnosis.steps), *rivals]):
         one_law = is_one_law(best, other)
-        price = unpaid(candidate, best)  # of shapes that the data do not feel
+        price = unpaid(candidate, best) - unpaid(best, candidate)  # of shapes that the data do not feel
         worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
         worse += ALIKE * (is_at_home and not at_home(candidate))
         code = other.effect.code

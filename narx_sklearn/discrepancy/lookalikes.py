@@ -202,7 +202,8 @@ def look_alikes(
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
     worse than a form may be wrong by; what is the same law under another name stays however its form fits.
-    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it.
+    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, nor by
+    a shape that the data do not feel, unless that takes off its price.
     One that holds the best as a special case and came to the same run
     stays if it fits as well with an ordinary shape, far from that special case.
 
@@ -234,7 +235,7 @@ def look_alikes(
             )
             stays = cost - best.fit.cost <= max(HARDLY * unit, tolerated)
         elif (
-            behind <= HARDLY
+            behind <= HARDLY + unpaid(best, other)
             or is_as_good
             or (declared and (worse <= tolerated or is_one_law(best, declared)))
         ):
