@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
-from scipy.signal import lsim
+from scipy.signal import lfilter, lsim
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.kernels import FORCE
@@ -1150,6 +1150,16 @@ class TestStarts:
         found, n_tried = CATALOGUE["quantisation"].scan(setting_of(signal), residual)
         assert n_tried > 50
         np.testing.assert_allclose(found[0], step, rtol=0.01)
+
+    @pytest.mark.parametrize("memory", [0.0, 0.9])
+    def test_steps_far_below_noise_with_a_memory_are_found_as_without(self, memory):
+        """Innovations of five steps; with a memory of 0.9 the noise itself is of eleven."""
+        rng = np.random.default_rng(0)
+        signal = 10.0 + 0.02 * np.cumsum(lfilter([1.0], [1.0, -0.9], rng.normal(size=4000)))
+        noise = lfilter([1.0], [1.0, -memory], 0.25 * rng.normal(size=4000))
+        residual = 0.05 * np.round(signal / 0.05) - signal + noise
+        found, _ = CATALOGUE["quantisation"].scan(setting_of(signal), residual)
+        assert np.min(np.abs(found[:, 0] - 0.05)) < 1e-4
 
     def test_a_limit_that_acts_within_one_sample_is_among_the_starts(self):
         signal = wideband()

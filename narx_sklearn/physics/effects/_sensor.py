@@ -15,6 +15,7 @@ SETTLED = 5  # rounds in which both ends of a stretch are settled, at most
 BEST = 3  # of the values scanned that are kept
 LEVELS = 2**16  # on which a signal's values are gathered; steps of less than eight of them are not looked for
 LOOKED_AT = 20  # of the best steps, that are tried as they are
+LONGEST_MEMORY = 0.99  # of noise, share of a sample that the next one keeps
 FEW = 0.25  # distinct values a sample, below which a signal is taken to be quantised
 
 
@@ -39,28 +40,48 @@ def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarr
 
     Its first harmonic is -(q/pi) sin(2 pi s/q). All periods come from one transform of the residual, gathered
     over the signal's levels; their inverses are so close that no level is missed by more than an eighth.
+    Both are seen as an autoregression of one lag leaves them, since noise may have a memory; what that leaves
+    of a harmonic, the signal's increments tell in the same way.
     """
     signal, n = setting.argument, setting.argument.size
     size, reach = spread(signal), float(np.max(np.abs(signal), initial=0.0))
     if size == 0 or not np.all(np.isfinite(residual) & np.isfinite(signal)):
         return np.empty((0, 1)), 0
-    level = np.round((signal / reach + 1.0) * (LEVELS // 2)).astype(np.int64)
-    gathered = np.bincount(level, residual - residual.mean(), LEVELS + 1)[:LEVELS]
     number = np.arange(1, LEVELS)  # of steps in eight times the reach
-    line = np.fft.rfft(gathered, 4 * LEVELS)[number] * np.exp(0.25j * np.pi * (number % 8))
-    along = line.imag  # minus the sum of the residual times the sine
+
+    def lines(values: np.ndarray, weights: np.ndarray | None, number: np.ndarray) -> np.ndarray:
+        """Return the sum of weights times exp(-2 pi i v/q) for each number of steps."""
+        at = np.round((values / reach + 1.0) * (LEVELS // 2)).astype(np.int64)
+        gathered = np.bincount(at, weights, LEVELS + 1)[:LEVELS]
+        return np.fft.rfft(gathered, 4 * LEVELS)[number] * np.exp(0.25j * np.pi * (number % 8))
+
+    memory = _memory(residual)
+    left = _innovations(residual - residual.mean(), memory)
+    along = lines(signal, left - memory * np.append(left[1:], 0.0), number).imag
+    together = lines(np.diff(signal) / 2.0, None, 2 * number).real  # of a harmonic and the next sample's
+    squares = 0.5 * ((1.0 + memory**2) * n - 2.0 * memory * together)
     height = 8.0 * reach / number / np.pi
-    gain = np.where(number * size > 8.0 * reach, 2.0 * height * along - 0.5 * n * height**2, 0.0)
+    gain = np.where(number * size > 8.0 * reach, 2.0 * height * along - squares * height**2, 0.0)
     found = []
     for j in np.argsort(-gain)[:LOOKED_AT]:
         q = 8.0 * reach / number[j]
-        change = _steps(signal, q) - signal
+        change = _innovations(_steps(signal, q) - signal, memory)
         length = change @ change
-        share = change @ residual / length if length > 0 else 0.0
+        share = change @ left / length if length > 0 else 0.0
         if gain[j] > 0 and 0.5 < share < 1.5:
             found.append((float(share**2 * length), float(q)))
     best = [q for _, q in sorted(found, reverse=True)[:BEST]]
     return np.array(best).reshape(-1, 1), number.size
+
+
+def _memory(residual: np.ndarray) -> float:
+    """Return how much of one sample the next one keeps."""
+    r = residual - residual.mean()
+    return float(np.clip(r[1:] @ r[:-1] / (r @ r), 0.0, LONGEST_MEMORY)) if r.any() else 0.0
+
+
+def _innovations(values: np.ndarray, memory: float) -> np.ndarray:
+    return values - memory * np.append(0.0, values[:-1])
 
 
 def _measured(setting: Setting) -> np.ndarray:
