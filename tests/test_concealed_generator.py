@@ -213,6 +213,11 @@ def test_a_run_may_be_made_of_some_strata_only(tmp_path):
     assert sorted(strata) == ["closed loop", "closed loop", "drifting", "drifting"]
 
 
+def test_a_stratum_that_no_cell_has_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"no stratum \['closed_loop'\].*'closed loop'"):
+        make(["T0"], [0], tmp_path, n_samples=600, strata=["closed_loop"])
+
+
 def test_a_case_on_disk_shows_nothing_of_its_truth_and_its_seal_holds(tmp_path):
     manifest = make(["T10"], [0], tmp_path, n_samples=600, effects=["clearance"])
     assert len(manifest["cases"]) == 1

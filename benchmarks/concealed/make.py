@@ -66,6 +66,9 @@ def make(
             b for b in batches if not b[0].effects or {e.code.name for e in b[0].effects} & set(effects)
         ]
     if strata:
+        known = sorted({b[0].stratum for b in batches})
+        if unknown := sorted(set(strata) - set(known)):
+            raise ValueError(f"There is no stratum {unknown} in the cells {list(cells)}; they have {known}.")
         batches = [b for b in batches if b[0].stratum in strata]
     done = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(_make_one)(options, out) for options in batches)
     manifest = {
