@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from narx_sklearn.discrepancy import by_chance
 from narx_sklearn.discrepancy.by_chance import ByChance, gained_by_chance
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.confirm import as_if_white
+from narx_sklearn.discrepancy.confirm import Beside, as_if_white
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.refit import fit
@@ -58,7 +58,7 @@ def test_many_draws_at_once_are_each_of_them_alone():
     draws = np.random.default_rng(0).normal(size=(*contrasts.signals.shape[:3], 5))
     for colour in ((np.zeros(0), 0.0), (np.ones(1), 0.95), (np.array([0.5, 0.3]), 0.0)):
         noise = Noise.white(np.ones(1)).with_colour(0, *colour)
-        together, _ = contrasts.of_rests(draws, noise)
+        together, _ = contrasts.with_rests(draws).deviances(noise)
         for k in range(5):
             signals = np.concatenate([contrasts.signals[..., :-1], draws[..., k : k + 1]], axis=3)
             alone = replace(contrasts, signals=signals).under(noise)
@@ -87,9 +87,9 @@ def test_what_fits_gain_on_drifting_noise_is_as_large_as_simulated_and_no_chi_sq
         chance = gained_by_chance(contrasts, Contrasts.of(problem, more.model), own.noise, seed)
         gained.append(taken)
         means.append(chance.mean)
-        pair = [Candidate(found, problem.n_seen) for found in (base, more)]
-        as_white.append(as_if_white(problem, *pair, taken, seed))
-        n_felt.append(max(pair[1].felt.shape[1], 1))
+        plain, fuller = (Candidate(found, problem.n_seen) for found in (base, more))
+        as_white.append(as_if_white(problem, Beside.of(problem, plain), fuller, taken, seed))
+        n_felt.append(max(fuller.felt.shape[1], 1))
     assert np.mean(means) == pytest.approx(np.mean(gained), abs=3 * np.std(gained) / np.sqrt(20))
     beyond = np.array(as_white) - n_felt  # chi-squared of as many degrees of freedom has that mean
     assert np.mean(beyond) < 3 * np.std(beyond) / np.sqrt(20)
@@ -115,5 +115,5 @@ def test_noise_that_does_not_drift_needs_no_draws(monkeypatch):
     problem, found = fitted(noise, n_windows=4)
     more = fit(problem, found.model._replace(effects=(LOAD,)))
     monkeypatch.setattr(by_chance, "_drawn", None)
-    pair = (Candidate(some, problem.n_seen) for some in (found, more))
-    assert as_if_white(problem, *pair, 12.0) == 12.0
+    plain, fuller = (Candidate(some, problem.n_seen) for some in (found, more))
+    assert as_if_white(problem, Beside.of(problem, plain), fuller, 12.0) == 12.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from driven_axis import make_axis
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, confirm
+from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import more_than_drift
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
@@ -31,14 +31,7 @@ def stage(x, u, p):
 
 def make_stage(gain=1.0, damping=0.8):
     """Return a stage on a spring, of which an offset is no initial state."""
-    return ODESimulator(
-        stage,
-        dt=0.02,
-        parameters={"gain": gain, "damping": damping},
-        states=["position", "velocity"],
-        inputs=["drive"],
-        outputs=["position"],
-    )
+    return make_axis(gain, damping, stage)
 
 
 @pytest.fixture(scope="module")

@@ -61,15 +61,15 @@ def make(
     batches = [
         options for cell in cells for seed in seeds for options in recipes(cell, seed, n_samples, plants)
     ]
-    if effects:
-        batches = [
-            b for b in batches if not b[0].effects or {e.code.name for e in b[0].effects} & set(effects)
-        ]
     if strata:
         known = sorted({b[0].stratum for b in batches})
         if unknown := sorted(set(strata) - set(known)):
             raise ValueError(f"There is no stratum {unknown} in the cells {list(cells)}; they have {known}.")
         batches = [b for b in batches if b[0].stratum in strata]
+    if effects:
+        batches = [
+            b for b in batches if not b[0].effects or {e.code.name for e in b[0].effects} & set(effects)
+        ]
     done = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(_make_one)(options, out) for options in batches)
     manifest = {
         "cases": {row["case"]: row["truth"] for row in done if "case" in row},

@@ -6,15 +6,14 @@ beside the simpler of two models, drawn many times, tells both (a parametric boo
 1997, chapter 4).
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
 from sklearn.utils import check_random_state
 
-from narx_sklearn.discrepancy.noise import SLOWEST, Noise
-from narx_sklearn.discrepancy.restricted import Contrasts
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.restricted import Contrasts, paces, walk
 
 DRAWS = 100
 GRID = 8  # paces of a drift that are tried, evenly in the logarithm
@@ -77,23 +76,21 @@ def _least_deviances(contrasts: Contrasts, draws: np.ndarray, noise: Noise) -> n
 
     The colour of each output is chosen beside the given ones of the others.
     """
-    paces = np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), GRID)
-    walks = [(np.ones(1), float(1.0 - np.exp(log_pace))) for log_pace in paces]
-
-    def deviances(some: np.ndarray, colours: Mapping[int, tuple[np.ndarray, float]]) -> np.ndarray:
-        coloured = noise
-        for output, colour in colours.items():
-            coloured = coloured.with_colour(output, *colour)
-        return contrasts.of_rests(some, coloured)[0]
-
+    drawn = contrasts.with_rests(draws)
+    walks = [walk(log_pace) for log_pace in paces(GRID)]
     likeliest = []
     colours = []
     for output in range(contrasts.unit.size):
         colours.append([noise.colour(output), (np.zeros(0), 0.0), *walks])
-        tried = [deviances(draws, {output: colour}) for colour in colours[-1]]
+        tried = [drawn.deviances(noise.with_colour(output, *colour))[0] for colour in colours[-1]]
         likeliest.append(np.argmin(tried, axis=0))
+    if len(likeliest) == 1:
+        return np.min(tried, axis=0)
     least = np.empty(DRAWS)
     for choice in np.unique(likeliest, axis=1).T:
         alike = np.all(np.array(likeliest) == choice[:, None], axis=0)
-        least[alike] = deviances(draws[..., alike], {o: colours[o][k] for o, k in enumerate(choice)})
+        coloured = noise
+        for output, k in enumerate(choice):
+            coloured = coloured.with_colour(output, *colours[output][k])
+        least[alike] = contrasts.with_rests(draws[..., alike]).deviances(coloured)[0]
     return least

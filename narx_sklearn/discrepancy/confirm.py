@@ -1,6 +1,8 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
+from functools import cache, partial
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -15,7 +17,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.discrepancy.restricted import Contrasts, OwnNoise, own_noise
 from narx_sklearn.discrepancy.settings import Settings
 
 DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
@@ -87,8 +89,21 @@ def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float
     return own_noise(problem, model, may_drift=may_drift).deviance
 
 
+class Beside(NamedTuple):
+    """A set of effects as it is held against a larger one: linear about its fit, and the noise it leaves."""
+
+    contrasts: Contrasts
+    own: OwnNoise
+
+    @classmethod
+    def of(cls, problem: Problem, candidate: Candidate) -> "Beside":
+        """Linearise a set in what is felt of its parameters, and find the noise that it leaves."""
+        contrasts = Contrasts.of(problem, candidate.fit.model, candidate.felt)
+        return cls(contrasts, own_noise(problem, candidate.fit.model, contrasts=contrasts))
+
+
 def as_if_white(
-    problem: Problem, base: Candidate, candidate: Candidate, gained: float, random_state=None
+    problem: Problem, base: Beside, candidate: Candidate, gained: float, random_state=None
 ) -> float:
     """Return what a set would gain as rarely over its base if the noise beside the base did not drift.
 
@@ -99,16 +114,12 @@ def as_if_white(
     gained : float
         What it takes off the deviance.
     """
-    own, felt = (_contrasts(problem, c) for c in (base, candidate))
-    noise, without = own_noise(problem, base.fit.model, contrasts=own)
+    noise = base.own.noise
     if not any(noise.average):
         return gained
-    gained = min(gained, without - own_noise(problem, candidate.fit.model, contrasts=felt).deviance)
-    return gained_by_chance(own, felt, noise, random_state).as_if_white(gained)
-
-
-def _contrasts(problem: Problem, candidate: Candidate) -> Contrasts:
-    return Contrasts.of(problem, candidate.fit.model, candidate.felt)
+    more = Beside.of(problem, candidate)
+    gained = min(gained, base.own.deviance - more.own.deviance)
+    return gained_by_chance(base.contrasts, more.contrasts, noise, random_state).as_if_white(gained)
 
 
 def clearer_noise(problem: Problem, found: Fit) -> Noise | None:
@@ -194,6 +205,7 @@ def chances(
     )
     without = {kind: next(deviances) for kind in against}
     n_directions = bank.n_directions
+    beside = cache(partial(Beside.of, problem, base))  # once, where anything asks for it
     found = []
     for candidate, kinds in zip(some, noises, strict=True):
         added = _added(candidate, base)
@@ -206,7 +218,7 @@ def chances(
         least = min(gained.values())
         chance = _chance(least, added, n_felt, problem, bank, n_directions)
         if chance <= DOUBTFUL and True in gained:
-            least = as_if_white(problem, base, candidate, least + price, random_state) - price
+            least = as_if_white(problem, beside(), candidate, least + price, random_state) - price
             chance = _chance(least, added, n_felt, problem, bank, n_directions)
         found.append(max(no_drift, chance))
     return found

@@ -121,33 +121,34 @@ class Noise(NamedTuple):
         """
         a, b = self.colour(output)
         root = None if b else self.starting(output)
-        level = np.where(seen, (a[0] if b else 0.0) ** np.arange(seen.shape[1]), 0.0)
-        e = lfilter(np.r_[1.0, -a], [1.0], np.concatenate([signals, level[:, :, None]], axis=2), axis=1)
-        counts, log_determinant = seen.copy(), 0.0
+        e, counts = lfilter(np.r_[1.0, -a], [1.0], signals, axis=1), seen.copy()
+        log_determinant = 0.0
         for lag in range(1, a.size + 1):
             counts[:, lag:] &= seen[:, :-lag]
         if a.size and root is not None:
-            e[:, : a.size, :-1] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
+            e[:, : a.size] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
             log_determinant = 2 * len(seen) * float(np.log(np.diag(root)).sum())
         if b:
             e = lfilter([1.0], [1.0, -b], np.where(counts[:, :, None], e, 0.0), axis=1)
-            if before is not None:
-                e, log_determinant = _from_a_level(e, counts, self.gone_after(before, output))
-        return e[:, :, :-1], counts, log_determinant
+            if before is not None and before.any():
+                level = np.where(seen, a[0] ** np.arange(seen.shape[1]), 0.0)
+                trace = lfilter([1.0, -a[0]], [1.0], level, axis=1)
+                trace = lfilter([1.0], [1.0, -b], np.where(counts, trace, 0.0), axis=1)
+                trace = np.where(counts, trace, 0.0)
+                e, log_determinant = _from_a_level(e, trace, self.gone_after(before, output))
+        return e, counts, log_determinant
 
 
-def _from_a_level(e: np.ndarray, counts: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
+def _from_a_level(e: np.ndarray, trace: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:
     """Return innovations of a drift that had gone somewhere before, and the log determinant of that.
 
-    The last signal is what a unit of the level leaves behind; in its direction alone innovations are larger.
+    The ``trace`` is what a unit of the level leaves behind; along it alone innovations are larger.
     """
-    trace = np.where(counts, e[:, :, -1], 0.0)
     length = np.einsum("st,st->s", trace, trace)
     larger = 1.0 + variance * length
     less = (1.0 - 1.0 / np.sqrt(larger)) / np.where(length > 0, length, 1.0)
-    return e - np.einsum("s,st,su,suk->stk", less, trace, trace, e, optimize=True), float(
-        np.log(larger).sum()
-    )
+    along = less[:, None] * np.einsum("st,stk->sk", trace, e)
+    return e - trace[:, :, None] * along[:, None], float(np.log(larger).sum())
 
 
 @lru_cache(maxsize=64)

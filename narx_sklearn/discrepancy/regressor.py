@@ -584,8 +584,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             if ended is not None:  # what began may have ended since
                 self._store(replace(diagnosis, best=ended), u, y, held_out)
                 return
-            if diagnosis.as_drift is not None:  # an offset would have stayed
-                self._store(diagnosis.as_drift, u, y, held_out)
+            drifting = diagnosis.as_drift
+            if drifting is not None:  # an offset would have stayed
+                self._store(drifting, u, y, held_out)
                 return
             # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
             # drifts, or acted when the fit ended: nobody can foresee its course, or when it ends

@@ -10,7 +10,7 @@ with V the covariance of the noise in units of its innovations' variance s^2, an
 initial states and parameters. It is linear about a fitted model.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 from typing import NamedTuple
 
@@ -65,6 +65,7 @@ class Contrasts:
     n_nuisances: int  # orthonormal responses to initial states and the simulator's own parameters
     unit: np.ndarray  # (outputs,) in which outputs are counted
     before: np.ndarray  # (stretches,) samples since the session began
+    n_rests: int = 1  # of the signals, what is left
 
     @classmethod
     def of(cls, problem: Problem, model: Model, felt: np.ndarray | None = None) -> "Contrasts":
@@ -83,9 +84,8 @@ class Contrasts:
         own = _orthonormal(at.jacobian[:, :, : model.p.size])
         others = at.jacobian[:, :, model.p.size :]
         if felt is not None:
-            others = (
-                others @ felt[np.repeat(is_smooth, np.array([e.n_theta for e in model.effects], dtype=int))]
-            )
+            sizes = np.array([effect.n_theta for effect in model.effects], dtype=int)
+            others = others @ felt[np.repeat(is_smooth, sizes)]
         others = _normalised(others)
         rest = np.nan_to_num(plain.residual(plain.run(model)))[:, :, None]
         shared = np.concatenate([own, others, rest], axis=2)
@@ -113,38 +113,45 @@ class Contrasts:
     @property
     def n_others(self) -> int:
         """Number of responses that are no nuisances: to parameters of effects."""
-        return self.signals.shape[3] - 1 - self.n_nuisances
+        return self.n_columns - self.n_nuisances
 
-    def under(self, noise: Noise) -> OwnNoise:
-        """Return a noise of given colour with the size that fits, and the deviance under it."""
-        deviances, sizes = self.of_rests(self.signals[..., -1:], noise)
-        return OwnNoise(noise._replace(sigma=sizes * self.unit), float(deviances[0]))
+    @property
+    def n_columns(self) -> int:
+        """Number of responses."""
+        return self.signals.shape[3] - self.n_rests
 
-    def of_rests(self, rests: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-        """Return the deviance of each of many rests that the model might leave, and the size of the noise.
+    def with_rests(self, rests: np.ndarray) -> "Contrasts":
+        """Return the same with others in the place of what is left.
 
         Parameters
         ----------
         rests : ndarray of shape (n_stretches, n_samples, n_outputs, n_rests)
-            In units of the outputs, zero where not seen. How large noise is on one output beside another is
-            that of all of them together.
-        noise : Noise
-            Of given colour.
+            In units of the outputs, zero where not seen.
+        """
+        signals = np.concatenate([self.signals[..., : self.n_columns], rests], axis=3)
+        return replace(self, signals=signals, n_rests=rests.shape[3])
+
+    def under(self, noise: Noise) -> OwnNoise:
+        """Return a noise of given colour with the size that fits, and the deviance under it."""
+        deviances, sizes = self.deviances(noise)
+        return OwnNoise(noise._replace(sigma=sizes * self.unit), float(deviances[0]))
+
+    def deviances(self, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+        """Return the deviance of each of the rests under noise of given colour, and the size of the noise.
+
+        How large noise is on one output beside another is that of all rests together.
         """
         whitened, weights = [], []
         deviance = noise.n_parameters * COLOUR
-        n_columns = self.signals.shape[3] - 1
+        n_columns = self.n_columns
         for output in range(self.unit.size):
-            signals = np.concatenate([self.signals[:, :, output, :-1], rests[:, :, output]], axis=2)
-            e, counts, log_determinant = noise.innovations_from_zero(
-                signals, self.seen[:, :, output], output, self.before
-            )
+            seen, signals = self.seen[:, :, output], self.signals[:, :, output]
+            e, counts, log_determinant = noise.innovations_from_zero(signals, seen, output, self.before)
             e = e[counts]
-            deviance += log_determinant
             size = np.sqrt(max(float(np.mean(e[:, n_columns:] ** 2)), 1e-300)) if len(e) else 1.0
             whitened.append(e / size)
             weights.append(size)
-            deviance += 2 * np.log(size) * len(e)
+            deviance += log_determinant + 2 * np.log(size) * len(e)
         columns = sum(e[:, :n_columns].T @ e[:, :n_columns] for e in whitened)
         with_rests = sum(e[:, :n_columns].T @ e[:, n_columns:] for e in whitened)
         squares = sum(np.einsum("ij,ij->j", e[:, n_columns:], e[:, n_columns:]) for e in whitened)
@@ -159,10 +166,10 @@ class Contrasts:
 
         def walking(log_pace: float) -> OwnNoise:
             # of two coefficients one is given
-            found = self.under(noise.with_colour(output, np.ones(1), float(1.0 - np.exp(log_pace))))
+            found = self.under(noise.with_colour(output, *walk(log_pace)))
             return found._replace(deviance=found.deviance - COLOUR)
 
-        grid = np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), GRID)
+        grid = paces(GRID)
         at = int(np.argmin([walking(log_pace).deviance for log_pace in grid]))
         around = grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]
         found = minimize_scalar(
@@ -172,6 +179,16 @@ class Contrasts:
             options={"xatol": FINE},
         )
         return min(walking(grid[at]), walking(found.x), key=lambda own: own.deviance)
+
+
+def paces(n: int) -> np.ndarray:
+    """Return the logarithms of n paces of a random walk, evenly, the slowest first."""
+    return np.linspace(np.log(1.0 - SLOWEST), np.log(0.9), n)
+
+
+def walk(log_pace: float) -> tuple[np.ndarray, float]:
+    """Return the colour of a random walk under white noise."""
+    return np.ones(1), float(1.0 - np.exp(log_pace))
 
 
 def _log_determinant(information: np.ndarray) -> float:

@@ -1,6 +1,7 @@
 """A sensor that does not show what there is: coarse, or stuck."""
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.stats import median_abs_deviation
 
 from narx_sklearn.model.phi import Phi
@@ -56,7 +57,8 @@ def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarr
         return np.fft.rfft(gathered, 4 * LEVELS)[number] * np.exp(0.25j * np.pi * (number % 8))
 
     memory = _memory(residual)
-    left = _innovations(residual - residual.mean(), memory)
+    whitening = [1.0, -memory], [1.0]
+    left = lfilter(*whitening, residual - residual.mean())
     along = lines(signal, left - memory * np.append(left[1:], 0.0), number).imag
     together = lines(np.diff(signal) / 2.0, None, 2 * number).real  # of a harmonic and the next sample's
     squares = 0.5 * ((1.0 + memory**2) * n - 2.0 * memory * together)
@@ -65,7 +67,7 @@ def _quantisation_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarr
     found = []
     for j in np.argsort(-gain)[:LOOKED_AT]:
         q = 8.0 * reach / number[j]
-        change = _innovations(_steps(signal, q) - signal, memory)
+        change = lfilter(*whitening, _steps(signal, q) - signal)
         length = change @ change
         share = change @ left / length if length > 0 else 0.0
         if gain[j] > 0 and 0.5 < share < 1.5:
@@ -78,10 +80,6 @@ def _memory(residual: np.ndarray) -> float:
     """Return how much of one sample the next one keeps."""
     r = residual - residual.mean()
     return float(np.clip(r[1:] @ r[:-1] / (r @ r), 0.0, LONGEST_MEMORY)) if r.any() else 0.0
-
-
-def _innovations(values: np.ndarray, memory: float) -> np.ndarray:
-    return values - memory * np.append(0.0, values[:-1])
 
 
 def _measured(setting: Setting) -> np.ndarray:
