@@ -218,6 +218,18 @@ def test_a_stratum_that_no_cell_has_is_refused(tmp_path):
         make(["T0"], [0], tmp_path, n_samples=600, strata=["closed_loop"])
 
 
+def test_a_run_grows_and_what_was_made_before_stays(tmp_path):
+    options = {"n_samples": 600, "strata": ["white"]}
+    (first,) = make(["T0"], [0], tmp_path, **options)["cases"]
+    recording = tmp_path / "cases" / first / "recording.csv"
+    recording.write_text("as it was")
+    manifest = make(["T0"], [0, 1], tmp_path, **options)
+    assert len(manifest["cases"]) == 2
+    assert first in manifest["cases"]
+    assert read_json(tmp_path / "manifest.json") == manifest
+    assert recording.read_text() == "as it was"
+
+
 def test_a_case_on_disk_shows_nothing_of_its_truth_and_its_seal_holds(tmp_path):
     manifest = make(["T10"], [0], tmp_path, n_samples=600, effects=["clearance"])
     assert len(manifest["cases"]) == 1

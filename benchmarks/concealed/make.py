@@ -17,7 +17,7 @@ from benchmarks.concealed.cells import recipes
 from benchmarks.concealed.noise import stands_out
 from benchmarks.concealed.oracle import refit_error, refit_truth
 from benchmarks.concealed.regions import activity
-from benchmarks.concealed.sealing import sha256, write_json
+from benchmarks.concealed.sealing import read_json, sha256, write_json
 
 __all__ = ["case_name", "make", "write_case", "write_recording"]
 
@@ -38,7 +38,9 @@ SWING = {swing!r}  # of the first input about its middle, as far as an experimen
 def make(
     cells, seeds, out: Path, *, n_samples=4000, plants=None, effects=None, strata=None, n_jobs=1
 ) -> dict:
-    """Write the cases of some cells and seeds into `out` and return the manifest.
+    """Write the cases of some cells and seeds into `out` and return the manifest of all that are there.
+
+    Cases that an earlier call wrote stay as they are, so a proof can grow as time allows.
 
     Parameters
     ----------
@@ -70,12 +72,14 @@ def make(
         batches = [
             b for b in batches if not b[0].effects or {e.code.name for e in b[0].effects} & set(effects)
         ]
+    file = out / "manifest.json"
+    manifest = read_json(file) if file.exists() else {"cases": {}, "skipped": []}
+    batches = [b for b in batches if not any(case_name(spec) in manifest["cases"] for spec in b)]
     done = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(_make_one)(options, out) for options in batches)
-    manifest = {
-        "cases": {row["case"]: row["truth"] for row in done if "case" in row},
-        "skipped": [row["skipped"] for row in done if "skipped" in row],
-    }
-    write_json(out / "manifest.json", manifest)
+    manifest["cases"] |= {row["case"]: row["truth"] for row in done if "case" in row}
+    skipped = (row["skipped"] for row in done if "skipped" in row)
+    manifest["skipped"] += [row for row in skipped if row not in manifest["skipped"]]
+    write_json(file, manifest)
     return manifest
 
 
@@ -89,7 +93,8 @@ def _make_one(options, out):
             continue
         name = case_name(spec)
         return {"case": name, "truth": write_case(case, name, out)}
-    return {"skipped": {"cell": options[0].cell, "stratum": options[0].stratum, "reasons": reasons}}
+    wanted = {"cell": options[0].cell, "stratum": options[0].stratum, "seed": list(options[0].seed)}
+    return {"skipped": wanted | {"reasons": reasons}}
 
 
 def case_name(spec) -> str:
