@@ -149,7 +149,8 @@ def confirmed(
     the next best are asked: the noise so far may owe its colour to what two effects left, and one that
     stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
     or an offset of an output stands, with drifting noise not against it, nothing else is found but what is
-    hardly noise; a drift that fits no better than an offset is held against what an offset is.
+    hardly noise, or fits so much better that no noise makes the two alike; a drift that fits no better than
+    an offset is held against what an offset is.
     """
     if not found:
         return detection, found
@@ -160,6 +161,9 @@ def confirmed(
     def chances_of(some: list[Candidate]) -> list[float]:
         return chances(problem, base, some, offsets, bank, n_jobs, random_state)
 
+    def is_slowly_off(candidate: Candidate) -> bool:
+        return all(is_slow(effect) for effect in _added(candidate, base))
+
     likely = chances_of(asked)
     if min(likely) > alpha:
         asked = found[: n_near + CONFIRMED]
@@ -167,8 +171,11 @@ def confirmed(
         if min(likely) <= alpha:
             found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
     standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
-    if standing and all(is_slow(effect) for c in standing for effect in _added(c, base)):
-        found = [c for c, chance in zip(asked, likely, strict=True) if chance <= max(alpha, DOUBTFUL)]
+    if standing and all(is_slowly_off(c) for c in standing):
+        far = min(c.criterion for c in standing) - CERTAIN
+        doubtful = [chance <= max(alpha, DOUBTFUL) for chance in likely]
+        better = [c.criterion < far and not is_slowly_off(c) for c in asked]
+        found = [c for k, c in enumerate(asked) if doubtful[k] or better[k]]
     return detection._replace(p_value=max(detection.p_value, min(likely))), found
 
 
