@@ -155,7 +155,7 @@ class TestChanceOfNoise:
         monkeypatch.setattr(confirm, "deviance", given)
         monkeypatch.setattr(confirm, "as_if_white", lambda problem, base, candidate, gained, seed: gained)
         certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-        found, stays = confirm.confirmed(problem, base, found, certain, bank, alpha, None)
+        found, stays = confirm.confirmed(confirm.Trial(problem, base, bank), found, certain, alpha)
         return found.p_value, [c.effects[0].effect.code for c in stays]
 
     def test_where_the_best_may_be_noise_the_next_stands_for_what_is_before_it(self, monkeypatch):
@@ -915,8 +915,8 @@ class TestSearch:
         def hypotheses(found):
             return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
 
-        def chances(problem, base, some, *rest):
-            beside_drift = any(effect.effect.code == "additive_drift" for effect in base.effects)
+        def chances(trial, some, offsets):
+            beside_drift = any(effect.effect.code == "additive_drift" for effect in trial.base.effects)
             return [float(beside_drift and is_noise)] * len(some)
 
         monkeypatch.setattr(confirm, "chances", chances)

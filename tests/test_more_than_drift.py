@@ -9,7 +9,7 @@ from driven_axis import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.confirm import more_than_drift
+from narx_sklearn.discrepancy.confirm import Trial, more_than_drift
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -62,9 +62,9 @@ class TestMoreThanDrift:
         problem, base = axis
         asked = []
 
-        def given(problem, beside, some, *rest):
+        def given(trial, some):
             (candidate,) = some
-            asked.append((codes(beside), codes(candidate)))
+            asked.append((codes(trial.base), codes(candidate)))
             return [chances[tuple(codes(candidate))]]
 
         monkeypatch.setattr(confirm, "chances", given)
@@ -105,7 +105,7 @@ class TestMoreThanDrift:
 
     def test_what_a_set_adds_is_what_its_base_lacks_in_any_order(self, axis):
         base, both = leaving(axis[1], 0.8, RAMP), leaving(axis[1], 0.7, DAMPING, RAMP)
-        assert confirm._added(both, base) == (DAMPING,)
+        assert Trial(axis[0], base, None).added(both) == (DAMPING,)
 
 
 class TestOffsetThatDidNotStay:

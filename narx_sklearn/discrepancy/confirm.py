@@ -1,5 +1,6 @@
 """Could it all be noise? The likelihood of noise of its own colour, with and without an effect."""
 
+from collections.abc import Set
 from functools import cache, partial
 from math import comb
 from typing import NamedTuple
@@ -89,6 +90,24 @@ def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float
     return own_noise(problem, model, may_drift=may_drift).deviance
 
 
+class Trial(NamedTuple):
+    """What candidates are held against: a set of effects that all of them have, and all that was tried."""
+
+    problem: Problem
+    base: Candidate
+    bank: Bank
+    n_jobs: int | None = None
+    random_state: int | None = None
+
+    def added(self, candidate: Candidate) -> tuple[PlacedEffect, ...]:
+        """Return what a candidate has beyond the base."""
+        return tuple(effect for effect in candidate.effects if effect.place not in self.base.places)
+
+    def is_slowly_off(self, candidate: Candidate) -> bool:
+        """Tell whether all that a candidate adds is as slow as noise may be."""
+        return all(is_slow(effect) for effect in self.added(candidate))
+
+
 class Beside(NamedTuple):
     """A set of effects as it is held against a larger one: linear about its fit, and the noise it leaves."""
 
@@ -134,14 +153,7 @@ def clearer_noise(problem: Problem, found: Fit) -> Noise | None:
 
 
 def confirmed(
-    problem: Problem,
-    base: Candidate,
-    found: list[Candidate],
-    detection: Detection,
-    bank: Bank,
-    alpha: float,
-    n_jobs,
-    random_state=None,
+    trial: Trial, found: list[Candidate], detection: Detection, alpha: float
 ) -> tuple[Detection, list[Candidate]]:
     """Return the detection with the chance that what was found is noise of some colour, and what was found.
 
@@ -155,67 +167,48 @@ def confirmed(
     if not found:
         return detection, found
     n_near = sum(c.criterion <= found[0].criterion + HARDLY for c in found[:CONFIRMED])
-    offsets = {e.port for c in found[:n_near] for e in _added(c, base) if e.effect.code == OFFSET}
+    offsets = {e.port for c in found[:n_near] for e in trial.added(c) if e.effect.code == OFFSET}
     asked = found[:n_near]
-
-    def chances_of(some: list[Candidate]) -> list[float]:
-        return chances(problem, base, some, offsets, bank, n_jobs, random_state)
-
-    def is_slowly_off(candidate: Candidate) -> bool:
-        return all(is_slow(effect) for effect in _added(candidate, base))
-
-    likely = chances_of(asked)
+    likely = chances(trial, asked, offsets)
     if min(likely) > alpha:
         asked = found[: n_near + CONFIRMED]
-        likely += chances_of(asked[n_near:])
+        likely += chances(trial, asked[n_near:], offsets)
         if min(likely) <= alpha:
             found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
     standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
-    if standing and all(is_slowly_off(c) for c in standing):
+    if standing and all(trial.is_slowly_off(c) for c in standing):
         far = min(c.criterion for c in standing) - CERTAIN
         doubtful = [chance <= max(alpha, DOUBTFUL) for chance in likely]
-        better = [c.criterion < far and not is_slowly_off(c) for c in asked]
+        better = [c.criterion < far and not trial.is_slowly_off(c) for c in asked]
         found = [c for k, c in enumerate(asked) if doubtful[k] or better[k]]
     return detection._replace(p_value=max(detection.p_value, min(likely))), found
 
 
-def _added(candidate: Candidate, base: Candidate) -> tuple[PlacedEffect, ...]:
-    """Return what a candidate has beyond a set that it holds."""
-    return tuple(effect for effect in candidate.effects if effect.place not in base.places)
-
-
-def chances(
-    problem: Problem,
-    base: Candidate,
-    some: list[Candidate],
-    offsets: set[Port],
-    bank: Bank,
-    n_jobs,
-    random_state=None,
-) -> list[float]:
+def chances(trial: Trial, some: list[Candidate], offsets: Set[Port] = frozenset()) -> list[float]:
     """Return the chance that what each candidate adds is noise of some colour.
 
     That an output is slowly off is asked of all that was tried. That it is no drift of the noise, which began
     at nothing, is then asked of the few ways of being so alone. What seems hardly noise is held against what
     is gained by chance where noise drifts.
     """
+    problem, base = trial.problem, trial.base
     noises = [
-        sorted({kind for e in _added(c, base) for kind in noises_against(e, e.port in offsets)}) for c in some
+        sorted({kind for e in trial.added(c) for kind in noises_against(e, e.port in offsets)}) for c in some
     ]
     against = sorted({kind for kinds in noises for kind in kinds})
     asked = [(base, kind) for kind in against]
     asked += [(c, kind) for c, kinds in zip(some, noises, strict=True) for kind in kinds]
     deviances = iter(
-        Parallel(n_jobs=n_jobs, prefer="threads")(
+        Parallel(n_jobs=trial.n_jobs, prefer="threads")(
             delayed(deviance)(problem, c.fit.model, may_drift=kind) for c, kind in asked
         )
     )
     without = {kind: next(deviances) for kind in against}
-    n_directions = bank.n_directions
+    n_directions = trial.bank.n_directions
     beside = cache(partial(Beside.of, problem, base))  # once, where anything asks for it
     found = []
     for candidate, kinds in zip(some, noises, strict=True):
-        added = _added(candidate, base)
+        added = trial.added(candidate)
         price = ODD * sum(effect.odd for effect in added)
         gained = {kind: without[kind] - next(deviances) - price for kind in kinds}
         n_felt = max(candidate.n_parameters - base.n_parameters, 1)
@@ -223,21 +216,16 @@ def chances(
         if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
             no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
         least = min(gained.values())
-        chance = _chance(least, added, n_felt, problem, bank, n_directions)
+        chance = _chance(trial, least, added, n_felt, n_directions)
         if chance <= DOUBTFUL and True in gained:
-            least = as_if_white(problem, beside(), candidate, least + price, random_state) - price
-            chance = _chance(least, added, n_felt, problem, bank, n_directions)
+            least = as_if_white(problem, beside(), candidate, least + price, trial.random_state) - price
+            chance = _chance(trial, least, added, n_felt, n_directions)
         found.append(max(no_drift, chance))
     return found
 
 
 def _chance(
-    gained: float,
-    effects: tuple[PlacedEffect, ...],
-    n_felt: int,
-    problem: Problem,
-    bank: Bank,
-    n_directions: float,
+    trial: Trial, gained: float, effects: tuple[PlacedEffect, ...], n_felt: int, n_directions: float
 ) -> float:
     """Return the chance that noise gains as much, the less of two bounds.
 
@@ -247,10 +235,10 @@ def _chance(
     """
     n_values, blind = 1.0, True
     for effect in effects:
-        own = [h for h in bank.hypotheses if h.placed.place == effect.place]
-        n_values *= max([n_shapes(effect, problem), *(np.max(h.tried) for h in own)])
+        own = [h for h in trial.bank.hypotheses if h.placed.place == effect.place]
+        n_values *= max([n_shapes(effect, trial.problem), *(np.max(h.tried) for h in own)])
         blind &= bool(own) and not any(h.tuned.any() for h in own)
-    n_sets = comb(max(len(bank.hypotheses), len(effects)), len(effects))
+    n_sets = comb(max(len(trial.bank.hypotheses), len(effects)), len(effects))
     by_values = chance_of_noise(gained, n_sets, n_values, len(effects))
     if len(effects) > 1 or not blind:
         return by_values
@@ -287,6 +275,6 @@ def _is_more_than_drift(
     if drifts:
         base = fit(problem, candidate.fit.model._replace(effects=drifts), n_jobs=settings.n_jobs)
     beside = Candidate(base, candidate.n_samples)
-    n_jobs, random_state = settings.n_jobs, settings.random_state
-    (chance,) = chances(problem, beside, [candidate], set(), bank, n_jobs, random_state)
+    trial = Trial(problem, beside, bank, settings.n_jobs, settings.random_state)
+    (chance,) = chances(trial, [candidate])
     return chance <= settings.alpha

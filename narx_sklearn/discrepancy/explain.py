@@ -8,7 +8,7 @@ from joblib import Parallel, delayed, effective_n_jobs
 
 from narx_sklearn.discrepancy.bank import Bank, entered, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate, odd
-from narx_sklearn.discrepancy.confirm import confirmed, is_of_a_sensor
+from narx_sklearn.discrepancy.confirm import Trial, confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.detect import Detection, detect
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -274,9 +274,8 @@ def search(
             found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
-                detection, found = confirmed(
-                    problem, candidate, found, detection, bank, alpha, n_jobs, random_state
-                )
+                trial = Trial(problem, candidate, bank, n_jobs, random_state)
+                detection, found = confirmed(trial, found, detection, alpha)
                 found = found if detection.p_value <= alpha else []
             if rank == 0:
                 steps.append(Step(detection, bank, pool))
