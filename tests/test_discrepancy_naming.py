@@ -8,24 +8,19 @@ import pytest
 from driven_axis import make_axis
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, confirm, diagnosis, explain, verify
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, confirm, explain, naming, verify
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.beginning import _lengthened
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
 from narx_sklearn.discrepancy.detect import Detection
-from narx_sklearn.discrepancy.diagnosis import (
-    FORM,
-    _decide,
-    _Leftover,
-    _lengthened,
-    _named_by_reach,
-    _without_refinement,
-)
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.findings import OUTSIDE, _confidence, argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses, placements
+from narx_sklearn.discrepancy.judgement import Leftover, _decide
 from narx_sklearn.discrepancy.lookalikes import ALIKE, likeliest, look_alikes
+from narx_sklearn.discrepancy.naming import FORM, _without_refinement, named_by_reach
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -617,7 +612,7 @@ class TestLookAlikes:
     def test_slip_elements_are_friction_where_all_let_go_well_within_the_motion(
         self, reach, left, named, monkeypatch
     ):
-        monkeypatch.setattr(diagnosis, "converged", lambda problem, candidate, n_jobs: candidate)
+        monkeypatch.setattr(naming, "converged", lambda problem, candidate, n_jobs: candidate)
         problem, start = axis_problem([friction(0.3)])
         base = fit(problem, start)
         spread = np.std(problem.run(base.model).x[problem.rows[problem.inside]][:, 0])
@@ -633,7 +628,7 @@ class TestLookAlikes:
         unexplained = 2 * loops.fit.cost
         cost = loops.fit.cost * (1.0 + left * FORM)
         rubbing = Candidate(rubbing.fit._replace(cost=cost), problem.n_seen)
-        found = _named_by_reach(problem, loops, [loops, rubbing], unexplained, None)
+        found = named_by_reach(problem, loops, [loops, rubbing], unexplained, None)
         assert found.effects[0].effect.code == named
 
     @pytest.mark.parametrize(
@@ -963,7 +958,7 @@ def test_an_effect_may_name_look_alikes_that_nobody_registered():
     assert [finding.effect for finding in found.findings_] == ["coulomb_friction"]
 
 
-NOTHING_LEFT = _Leftover(1.0, 0.0)
+NOTHING_LEFT = Leftover(1.0, 0.0)
 
 
 class TestOddPlaces:
@@ -1084,7 +1079,7 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
     best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
-    left = _Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
+    left = Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
     assert _decide(base, best, (), None, left, 0.005) == verdict
 
 
@@ -1107,7 +1102,7 @@ def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, ver
         return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
 
     alternatives = ((found(rival),),) if rival else ((),)
-    left = _Leftover(1e-4, base.cost)
+    left = Leftover(1e-4, base.cost)
     assert _decide(base, found(said), alternatives, None, left, 0.005) == verdict
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, diagnosis
 from narx_sklearn.discrepancy.bank import entered
+from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.checks import check_record
-from narx_sklearn.discrepancy.diagnosis import begin, diagnose
+from narx_sklearn.discrepancy.diagnosis import diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.noise import Noise

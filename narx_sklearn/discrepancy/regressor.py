@@ -19,13 +19,15 @@ from narx_sklearn._validation import (
     finite_slices,
     session_slices,
 )
+from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.checks import check_record
 from narx_sklearn.discrepancy.confirm import DRIFT
-from narx_sklearn.discrepancy.diagnosis import UNEXPLAINED, Diagnosis, begin, diagnose
+from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
+from narx_sklearn.discrepancy.judgement import UNEXPLAINED
 from narx_sklearn.discrepancy.location import locate
 from narx_sklearn.discrepancy.lookalikes import is_special_case
 from narx_sklearn.discrepancy.nested import farthest_allowed
