@@ -73,21 +73,12 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     nominal = fit_initial_states(problem, x0)
     refitted = fit(problem, nominal.model, n_jobs=settings.n_jobs)
     if settings.window is None:
-        ladders = [
-            [
-                spread_out(cut(pieces, n, shortest))
-                for n in sorted({max(length // share, shortest) for share in shares})
-            ]
-            for shares in SHORTER
-        ]
-        led = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
-            delayed(_grown)(problem, shorter, structure, x) for shorter in ladders
-        )
-        grown = min(refitted, *led, key=lambda found: found.cost)
-        if refitted.cost > TRAPPED * grown.cost:
-            problem, grown = _shortened(problem, grown, ladders[-1], structure, x)
+        lengths = [sorted({max(length // share, shortest) for share in shares}) for shares in SHORTER]
+        ladders = [[spread_out(cut(pieces, n, shortest)) for n in ladder] for ladder in lengths]
+        whole = problem
+        problem, refitted = _led(problem, refitted, ladders, structure, x, settings.n_jobs)
+        if problem is not whole:
             length = int(np.median(problem.windows.last - problem.windows.first))
-        refitted = grown
     before = problem
     if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
@@ -133,6 +124,22 @@ def centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
         problem = Problem(nearer, problem.u, problem.y, problem.windows, problem.noise)
         found = fit(problem, found.model)
     return problem, found
+
+
+def _led(
+    problem: Problem, refitted: Fit, ladders: list[list[Windows]], structure: Structure, x: np.ndarray, n_jobs
+) -> tuple[Problem, Fit]:
+    """Return the problem with the best of its fit and those to which ever longer windows led.
+
+    Where the fit from afar lost its way, the problem is one over shorter windows.
+    """
+    grown = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_grown)(problem, shorter, structure, x) for shorter in ladders
+    )
+    best = min(refitted, *grown, key=lambda found: found.cost)
+    if refitted.cost > TRAPPED * best.cost:
+        return _shortened(problem, best, ladders[-1], structure, x)
+    return problem, best
 
 
 def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np.ndarray) -> Fit:

@@ -125,51 +125,29 @@ def _explaining_more(found: Diagnosis, shorter: Diagnosis) -> Diagnosis:
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Diagnose once: over windows of one length, near the parameters that the simulator has."""
     problem, refitted, structure, pace, lengthened_from = begin(simulator, u, y, pieces, settings)
-    spread = np.nanstd(y, axis=0)
     problem, refitted = centred(problem, refitted)
-    rounding = FINEST * spread
-    problem = problem.with_noise(
-        Noise.white(np.maximum(residual_deviation(problem, refitted.residual), rounding))
-    )
+    rounding = FINEST * np.nanstd(y, axis=0)
+    left_over = residual_deviation(problem, refitted.residual)
+    problem = problem.with_noise(Noise.white(np.maximum(left_over, rounding)))
     refitted = fit(problem, refitted.model, iterations=2, n_jobs=settings.n_jobs)
     steps: list[Step] = []
     if np.any(residual_deviation(problem, refitted.residual) > rounding):
         problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
-    if steps:
-        spans = spans_of(stretches, problem)
-        found = search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
-        problem, refitted, steps = found or (problem, refitted, steps)
-    named = judge(problem, refitted, steps, structure, settings)
-    if named is not None and (named.verdict == "unknown" or may_stand_in(named.best.effects)):
-        # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
-        spans = large_parts(problem)
-        found = search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
-        if found is not None:
-            problem, refitted, steps = found
-            named = judge(problem, refitted, steps, structure, settings)
-    if named is not None and named.verdict == "unknown":
-        named = named._replace(unnamed=best_pulsating(problem, refitted, named.unnamed, structure, settings))
+    problem, refitted, steps, found = _judged(problem, refitted, steps, stretches, structure, settings)
     p_missing = steps[0].detection.p_value if steps else 1.0
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
-    nothing = "refit" if p_moved <= settings.alpha else "consistent"
-    named = named or Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
-    verdict, best, alternatives, unnamed, _, against_noise = named
-    twin_misses_more = _twin_misses_more(problem, refitted, best)
-    if not best.effects and steps:
-        settings.tell("is what is left over noise?")
-        remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
-        if remainder.p_value <= SHARE * settings.alpha:
-            verdict, p_missing = "unknown", remainder.p_value
-            against_noise = remainder.speaking(SHARE * settings.alpha)
-            waves = [hertz for sign in against_noise for hertz in sign.frequencies]
-            if waves or any(sign.kind == "follows" for sign in against_noise):
-                unnamed = best_unnamed(problem, refitted, best, structure, settings, waves)
-            if unnamed is not None and is_explained_by(problem, best, unnamed, structure, settings):
-                best, alternatives, against_noise = unnamed, ((),), ()
+    if found is None:
+        nothing = "refit" if p_moved <= settings.alpha else "consistent"
+        found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
+    twin_misses_more = _twin_misses_more(problem, refitted, found.best)
+    if steps and not found.best.effects:
+        found, p_missing = _unless_noise(found, p_missing, problem, structure, settings)
+    verdict, best, alternatives, unnamed, _, against_noise = found
     verdict = "unknown" if twin_misses_more else verdict
     if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
         best, alternatives, against_noise = unnamed, ((),), ()
@@ -192,6 +170,54 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         against_noise,
         lengthened_from,
     )
+
+
+def _judged(
+    problem: Problem,
+    refitted: Fit,
+    steps: list[Step],
+    stretches: Stretches,
+    structure: Structure,
+    settings: Settings,
+) -> tuple[Problem, Fit, list[Step], Judgement | None]:
+    """Return the search that tells most, over the whole record or in a part of it, and what is said of it.
+
+    Nothing is said (None) where nothing is missing.
+    """
+
+    def in_spans(spans):
+        return search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
+
+    if steps:
+        problem, refitted, steps = in_spans(spans_of(stretches, problem)) or (problem, refitted, steps)
+    found = judge(problem, refitted, steps, structure, settings)
+    if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects)):
+        # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
+        searched = in_spans(large_parts(problem))
+        if searched is not None:
+            problem, refitted, steps = searched
+            found = judge(problem, refitted, steps, structure, settings)
+    if found is not None and found.verdict == "unknown":
+        found = found._replace(unnamed=best_pulsating(problem, refitted, found.unnamed, structure, settings))
+    return problem, refitted, steps, found
+
+
+def _unless_noise(
+    found: Judgement, p_missing: float, problem: Problem, structure: Structure, settings: Settings
+) -> tuple[Judgement, float]:
+    """Return what is said where no search found anything, and the p-value: what is left must be noise."""
+    settings.tell("is what is left over noise?")
+    remainder = look_at_remainder(problem, found.best.fit.model, structure, settings.random_state)
+    if remainder.p_value > SHARE * settings.alpha:
+        return found, p_missing
+    unnamed, against_noise = None, remainder.speaking(SHARE * settings.alpha)
+    waves = [hertz for sign in against_noise for hertz in sign.frequencies]
+    if waves or any(sign.kind == "follows" for sign in against_noise):
+        unnamed = best_unnamed(problem, found.best.fit, found.best, structure, settings, waves)
+    if unnamed is not None and is_explained_by(problem, found.best, unnamed, structure, settings):
+        return Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
+    told = Judgement("unknown", found.best, found.alternatives, unnamed, against_noise=against_noise)
+    return told, remainder.p_value
 
 
 def _tells_more(unnamed: Candidate, best: Candidate) -> bool:
