@@ -284,9 +284,9 @@ def searched_in(y, u, start, stop):
     settings = Settings(
         tuple(CATALOGUE[code] for code in codes), 0.005, 2, 16, None, 0, None, lambda stage: None
     )
-    problem, base, steps = coloured_search(problem, base, structure, settings)
+    searched = coloured_search(problem, base, structure, settings)
     spans = [(start * DT, stop * DT)]
-    return search_in_spans(spans, base.model.p, problem, base, steps, structure, settings)
+    return search_in_spans(spans, searched.refitted.model.p, searched, structure, settings)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])

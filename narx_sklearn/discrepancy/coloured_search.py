@@ -1,6 +1,7 @@
 """The search for what is missing, under noise whose colour is estimated from what the search leaves."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -29,10 +30,26 @@ RIVALS = 3  # next best explanations that may be likelier, each under noise of i
 CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 
 
-def coloured_search(
-    problem: Problem, refitted: Fit, structure: Structure, settings: Settings
-) -> tuple[Problem, Fit, list[Step]]:
-    """Return the problem under noise of its own colour, its fit, and the steps of the search."""
+class Searched(NamedTuple):
+    """A problem under noise of its own colour, the fit of the simulator's own parameters, and a search."""
+
+    problem: Problem
+    refitted: Fit
+    steps: list[Step]  # none where there is nothing but rounding
+
+    @property
+    def p_value(self) -> float:
+        """Chance that nothing is missing."""
+        return self.steps[0].detection.p_value if self.steps else 1.0
+
+    @property
+    def pool(self) -> list[Candidate]:
+        """All that was fitted, best first."""
+        return pool_of(self.steps)
+
+
+def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
+    """Estimate the colour of the noise, and search for what is missing under it."""
     settings.tell("colour of the noise")
     hypotheses = hypotheses_of(problem, refitted, structure, settings)
     bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
@@ -51,13 +68,13 @@ def coloured_search(
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     settings.tell("search for missing physics")
-    steps = _searched(problem, refitted, structure, settings, dominated, known)
+    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, dominated, known))
     for _ in range(LOOKS):
-        again = _under_clearer_noise(problem, refitted, steps, structure, settings)
+        again = _under_clearer_noise(found, structure, settings)
         if again is None:
             break
-        problem, refitted, steps = again
-    return problem, refitted, steps
+        found = again
+    return found
 
 
 def _without_structure(problem: Problem, bank: Bank) -> np.ndarray:
@@ -66,18 +83,16 @@ def _without_structure(problem: Problem, bank: Bank) -> np.ndarray:
     return residual.reshape(problem.seen.shape) * problem.noise.sigma
 
 
-def _under_clearer_noise(
-    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
-) -> tuple[Problem, Fit, list[Step]] | None:
+def _under_clearer_noise(before: Searched, structure: Structure, settings: Settings) -> Searched | None:
     """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
 
     What was found before takes part again. Noise that was estimated beside one explanation favours it, so
     the next best may be clearly likelier, each under the noise that it leaves itself.
     """
-    pool = pool_of(steps)
-    if not pool or steps[0].detection.p_value > settings.alpha:
+    problem, pool = before.problem, before.pool
+    if not pool or before.p_value > settings.alpha:
         return None
-    best = likeliest(pool, refitted.cost)
+    best = likeliest(pool, before.refitted.cost)
     rivals = [c for c in pool if len(c.effects) == len(best.effects) and c is not best][:RIVALS]
     found = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
         delayed(deviance)(problem, c.fit.model) for c in (best, *rivals)
@@ -91,13 +106,13 @@ def _under_clearer_noise(
     settings.tell("search again, under the noise that the best explanation leaves")
     known = [c for c in pool if len(c.effects) <= 2]
     problem = problem.with_noise(noise)
-    refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
-    steps = _searched(problem, refitted, structure, settings, True, known)
-    if steps[0].detection.p_value > settings.alpha:
+    refitted = fit(problem, before.refitted.model, n_jobs=settings.n_jobs)
+    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, True, known))
+    if found.p_value > settings.alpha:
         return None
     if len(best.effects) > 1:
-        steps[-1].candidates.append(converged(problem, best, settings.n_jobs))
-    return problem, refitted, steps
+        found.steps[-1].candidates.append(converged(problem, best, settings.n_jobs))
+    return found
 
 
 def _leading(
@@ -122,7 +137,7 @@ def _leading(
     return once_each(sorted(found, key=lambda c: c.criterion))
 
 
-def _searched(
+def _steps(
     problem: Problem,
     refitted: Fit,
     structure: Structure,

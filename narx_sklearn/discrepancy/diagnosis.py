@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.beginning import begin, centred, residual_deviation, states_at
 from narx_sklearn.discrepancy.candidate import Candidate, odd
-from narx_sklearn.discrepancy.coloured_search import coloured_search, pool_of
+from narx_sklearn.discrepancy.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.explain import Step, by_weight
 from narx_sklearn.discrepancy.inference import parameters_moved
@@ -132,12 +132,14 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     left_over = residual_deviation(problem, refitted.residual)
     problem = problem.with_noise(Noise.white(np.maximum(left_over, rounding)))
     refitted = fit(problem, refitted.model, iterations=2, n_jobs=settings.n_jobs)
-    steps: list[Step] = []
+    searched = Searched(problem, refitted, [])
     if np.any(residual_deviation(problem, refitted.residual) > rounding):
-        problem, refitted, steps = coloured_search(problem, refitted, structure, settings)
+        searched = coloured_search(problem, refitted, structure, settings)
+    problem, refitted, _ = searched
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
-    problem, refitted, steps, found = _judged(problem, refitted, steps, stretches, structure, settings)
-    p_missing = steps[0].detection.p_value if steps else 1.0
+    searched, found = _looked_into_parts(searched, stretches, structure, settings)
+    problem, refitted, steps = searched
+    p_missing = searched.p_value
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
@@ -158,7 +160,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         nominal,
         refitted,
         best,
-        by_weight(problem, best, pool_of(steps)),
+        by_weight(problem, best, searched.pool),
         alternatives,
         p_missing,
         p_moved,
@@ -172,34 +174,28 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     )
 
 
-def _judged(
-    problem: Problem,
-    refitted: Fit,
-    steps: list[Step],
-    stretches: Stretches,
-    structure: Structure,
-    settings: Settings,
-) -> tuple[Problem, Fit, list[Step], Judgement | None]:
-    """Return the search that tells most, over the whole record or in a part of it, and what is said of it.
+def _looked_into_parts(
+    searched: Searched, stretches: Stretches, structure: Structure, settings: Settings
+) -> tuple[Searched, Judgement | None]:
+    """Look into parts of the record too; return the search that tells most, and what is said of it.
 
     Nothing is said (None) where nothing is missing.
     """
-
-    def in_spans(spans):
-        return search_in_spans(spans, stretches.p, problem, refitted, steps, structure, settings)
-
-    if steps:
-        problem, refitted, steps = in_spans(spans_of(stretches, problem)) or (problem, refitted, steps)
-    found = judge(problem, refitted, steps, structure, settings)
+    if searched.steps:
+        spans = spans_of(stretches, searched.problem)
+        searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
+    found = judge(searched, structure, settings)
     if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects)):
         # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
-        searched = in_spans(large_parts(problem))
-        if searched is not None:
-            problem, refitted, steps = searched
-            found = judge(problem, refitted, steps, structure, settings)
+        spans = large_parts(searched.problem)
+        in_part = search_in_spans(spans, stretches.p, searched, structure, settings)
+        if in_part is not None:
+            searched = in_part
+            found = judge(searched, structure, settings)
     if found is not None and found.verdict == "unknown":
+        problem, refitted, _ = searched
         found = found._replace(unnamed=best_pulsating(problem, refitted, found.unnamed, structure, settings))
-    return problem, refitted, steps, found
+    return searched, found
 
 
 def _unless_noise(

@@ -9,7 +9,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, ODD, Candidate, odd
-from narx_sklearn.discrepancy.coloured_search import converged, hypotheses_of, pool_of
+from narx_sklearn.discrepancy.coloured_search import Searched, converged, hypotheses_of
 from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, is_of_a_sensor, n_shapes
 from narx_sklearn.discrepancy.explain import FINE, Step, probe, refit_leaders
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
@@ -43,38 +43,31 @@ class Judgement(NamedTuple):
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and several names leave
 
 
-def judge(
-    problem: Problem, refitted: Fit, steps: list[Step], structure: Structure, settings: Settings
-) -> Judgement | None:
+def judge(searched: Searched, structure: Structure, settings: Settings) -> Judgement | None:
     """Return what is said of the likeliest set of a search; None where nothing is missing."""
-    pool = pool_of(steps)
-    if not pool or steps[0].detection.p_value > settings.alpha:
+    problem, refitted, pool = searched.problem, searched.refitted, searched.pool
+    if not pool or searched.p_value > settings.alpha:
         return None
     settings.tell("rivals and unnamed curves")
-    best = named_set(problem, refitted, steps, pool, settings)
+    best = named_set(searched, pool, settings)
     named = named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
-    found = _judged(problem, refitted, named, pool, steps, structure, settings)
+    found = _judged(searched, named, pool, structure, settings)
     if found.verdict == "unknown" and named is not best:
-        found = _judged(problem, refitted, best, pool, steps, structure, settings)
+        found = _judged(searched, best, pool, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
         # what goes with it has no name; the effect that explains most may have one (a drift goes anywhere)
         single = converged(problem, likeliest(singles, refitted.cost), settings.n_jobs)
-        alone = _judged(problem, refitted, single, pool, steps, structure, settings)
+        alone = _judged(searched, single, pool, structure, settings)
         return alone if alone.verdict != "unknown" else found
     return found
 
 
 def _judged(
-    problem: Problem,
-    refitted: Fit,
-    best: Candidate,
-    pool: list[Candidate],
-    steps: list[Step],
-    structure: Structure,
-    settings: Settings,
+    searched: Searched, best: Candidate, pool: list[Candidate], structure: Structure, settings: Settings
 ) -> Judgement:
     """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
+    problem, refitted, steps = searched
     leftover = _leftover(problem, best, structure, settings)
     # where the named form visibly leaves something, its look-alikes may leave as much, and some more
     visible = max(leftover.gain, 0.0) if leftover.p_value <= SUSPECT else 0.0

@@ -1,19 +1,16 @@
 """Which of the sets that a search found is named."""
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate, odd
-from narx_sklearn.discrepancy.coloured_search import converged
+from narx_sklearn.discrepancy.coloured_search import Searched, converged
 from narx_sklearn.discrepancy.confirm import more_than_drift
-from narx_sklearn.discrepancy.explain import Step
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.lookalikes import REFINES, declared_rival, is_one_law, likeliest
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.swaps import exchanges, swaps
 
@@ -21,13 +18,12 @@ EXCHANGES = 2  # members of a set that may be exchanged
 FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
 
 
-def named_set(
-    problem: Problem, refitted: Fit, steps: Sequence[Step], pool: list[Candidate], settings: Settings
-) -> Candidate:
+def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> Candidate:
     """Return the set of effects that a search found likeliest, fitted to the end.
 
     Sets that are tried on the way join the ``pool``.
     """
+    problem, refitted, steps = searched
     hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
     best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.coloured_search import CERTAIN, converged, hypotheses_of, pool_of
+from narx_sklearn.discrepancy.coloured_search import CERTAIN, Searched, converged, hypotheses_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import FINE, IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
@@ -50,12 +50,10 @@ class InSpan(NamedTuple):
 def search_in_spans(
     spans: list[Span],
     p: np.ndarray,
-    problem: Problem,
-    refitted: Fit,
-    steps: list[Step],
+    before: Searched,
     structure: Structure,
     settings: Settings,
-) -> tuple[Problem, Fit, list[Step]] | None:
+) -> Searched | None:
     """Search for effects that act in a span of the record; None where none explains it better.
 
     What acts for a while bends the parameters and the noise of a fit to the whole record, so both are taken
@@ -69,15 +67,16 @@ def search_in_spans(
         Where the search begins.
     p : ndarray of shape (n_parameters,)
         Parameters of the simulator from which it begins.
-    problem, refitted, steps
+    before : Searched
         What the search for effects that always act came to.
     """
     if not spans:
         return None
+    problem, refitted, steps = before
     settings.tell("search for what acts for a while")
     base = fit_states(problem, refitted.model._replace(p=p)).model
-    always = pool_of(steps)
-    named = bool(always) and steps[0].detection.p_value <= settings.alpha
+    always = before.pool
+    named = bool(always) and before.p_value <= settings.alpha
     rival = likeliest(always, refitted.cost) if named else None
     looks = (_found_in(span, problem, base, rival, structure, settings) for span in spans)
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
@@ -103,7 +102,7 @@ def search_in_spans(
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
     models += [_in_span(c, settled[0].effects[0].during) for c in roughly[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
-    return problem, fit(problem, refitted.model), [step]
+    return Searched(problem, fit(problem, refitted.model), [step])
 
 
 def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[Candidate]:
