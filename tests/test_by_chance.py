@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_machines import LOAD, fitted, walking
 
 from narx_sklearn.discrepancy import by_chance
 from narx_sklearn.discrepancy.by_chance import ByChance, gained_by_chance
@@ -16,7 +17,6 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
 from narx_sklearn.physics.effects import CATALOGUE
-from tests.test_restricted import LOAD, fitted, walking
 
 DRIFTING_DAMPING = PlacedEffect(
     CATALOGUE["gain_drift"], Port("state", 1), (0.0, 1.0), theta=(0.01, 10.0, 0.0)

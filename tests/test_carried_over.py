@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven_axis import make_axis
+from small_machines import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port

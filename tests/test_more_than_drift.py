@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from driven_axis import make_axis
+from small_machines import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
 from narx_sklearn.discrepancy.candidate import Candidate

@@ -3,46 +3,14 @@
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
+from small_machines import LOAD, fitted, walking
 
-from narx_sklearn import ODESimulator
 from narx_sklearn.discrepancy.confirm import deviance
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
-from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
-
-LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.001,))
-
-
-def axis(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1]
-
-
-def make_axis(gain=1.0, damping=0.5, outputs=(0,)):
-    return ODESimulator(
-        axis,
-        dt=0.02,
-        parameters={"gain": gain, "damping": damping},
-        states=["position", "velocity"],
-        inputs=["drive"],
-        outputs=["position", "velocity"][: len(outputs)],
-        output=outputs,
-    )
-
-
-def fitted(noise, *, outputs=(0,), n_windows=3, seed=0, pieces=None, unseen=()):
-    """Return a problem and the axis's fit to a recording of its own, with noise on it."""
-    n = len(noise)
-    u = np.repeat(np.random.default_rng(seed).normal(0.0, 3.0, n // 15 + 1), 15)[:n, None]
-    y = make_axis(1.1, 0.4, outputs).simulate(u) + noise
-    y[list(unseen)] = np.nan
-    windows = cut(pieces or [(slice(0, n), 0)], n // n_windows, 12)
-    problem = Problem(make_axis(outputs=outputs), u, y, windows, Noise.white(np.std(noise, axis=0)))
-    found = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
-    return problem, fit(problem, found.model, tolerance=1e-12)
 
 
 def covariance(a, b, n):
@@ -141,12 +109,6 @@ def test_the_first_sample_of_coloured_noise_counts(b):
     e = noise.innovations(transient[None, :, None])[0, :, 0]
     assert e[0] == pytest.approx(20.0 / lasting)
     assert e[1:] == pytest.approx(np.zeros(199), abs=1e-9)
-
-
-def walking(rng, n):
-    """Return white noise and a random walk that ends as large."""
-    walk = np.cumsum(rng.normal(size=(n, 1)), axis=0) / np.sqrt(n / 2)
-    return 0.02 * (0.8 * rng.normal(size=(n, 1)) + 0.6 * walk)
 
 
 def test_a_drift_that_initial_states_follow_is_found_all_the_same():

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from driven_axis import make_axis
+from small_machines import make_axis
 
 from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank
@@ -124,8 +124,9 @@ def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(prob
     refitted = fit(working, drag.fit.model._replace(effects=()))
     certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
     step = Step(certain, make_bank(working, refitted, []), pool)
-    monkeypatch.setattr(coloured_search, "_searched", lambda *_: [step])
+    monkeypatch.setattr(coloured_search, "_steps", lambda *_: [step])
     settings = SimpleNamespace(alpha=0.01, n_jobs=None, tell=lambda stage: None)
-    again, *_ = coloured_search._under_clearer_noise(working, refitted, [step], None, settings)
+    before = coloured_search.Searched(working, refitted, [step])
+    again = coloured_search._under_clearer_noise(before, None, settings).problem
     assert working.noise.sigma[0] > 1.5 * 0.002
     assert again.noise.sigma[0] == pytest.approx(0.002, rel=0.1)

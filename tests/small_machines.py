@@ -1,0 +1,84 @@
+"""Small machines that several tests of the diagnosis simulate, and problems made of them."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.001,))
+
+
+def axis(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1]
+
+
+def make_axis(gain=1.0, damping=0.5, equations=axis, output=(0,)):
+    return ODESimulator(
+        equations,
+        dt=0.02,
+        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        output=output,
+    )
+
+
+def circuit(x, u, p):
+    return p[0] * x[1], p[1] * (u[0] - x[0]) - p[2] * x[1]
+
+
+def tank(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+def make_circuit():
+    return ODESimulator(
+        circuit,
+        dt=0.01,
+        parameters={"1/capacitance": 9.0, "1/inductance": 4.0, "resistance/inductance": 0.8},
+        states=["capacitor [V]", "current [A]"],
+        inputs=["source [V]"],
+    )
+
+
+def levels(rng, n, hold=15):
+    return np.repeat(rng.normal(0.0, 3.0, n // hold + 1), hold)[:n, None]
+
+
+def friction(size, code="coulomb_friction", shape=()):
+    return PlacedEffect(
+        CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=(size, *shape), argument_name="velocity"
+    )
+
+
+def axis_problem(effects=(), noise=0.002, n=1500, n_windows=4, seed=0, drift=0.0):
+    rng = np.random.default_rng(seed)
+    u = levels(rng, n)
+    y = make_axis(1.1, 0.4).with_effects(list(effects)).simulate(u) + noise * rng.normal(size=(n, 1))
+    y = y + drift * np.cumsum(rng.normal(size=(n, 1)), axis=0)
+    windows = cut([(slice(0, n), 0)], n // n_windows, 12)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([noise])))
+    return problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2)))
+
+
+def walking(rng, n):
+    """Return white noise and a random walk that ends as large."""
+    walk = np.cumsum(rng.normal(size=(n, 1)), axis=0) / np.sqrt(n / 2)
+    return 0.02 * (0.8 * rng.normal(size=(n, 1)) + 0.6 * walk)
+
+
+def fitted(noise, *, outputs=(0,), n_windows=3, seed=0, pieces=None, unseen=()):
+    """Return a problem and the axis's fit to a recording of its own, with noise on it."""
+    n = len(noise)
+    u = levels(np.random.default_rng(seed), n)
+    y = make_axis(1.1, 0.4, output=outputs).simulate(u) + noise
+    y[list(unseen)] = np.nan
+    windows = cut(pieces or [(slice(0, n), 0)], n // n_windows, 12)
+    problem = Problem(make_axis(output=outputs), u, y, windows, Noise.white(np.std(noise, axis=0)))
+    found = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
+    return problem, fit(problem, found.model, tolerance=1e-12)

@@ -1,0 +1,209 @@
+"""What is said of a search: named, or not by what it leaves, or by a curve that tells more."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_machines import axis_problem, friction, levels, make_axis
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
+from narx_sklearn.discrepancy.judgement import Leftover, _decide
+from narx_sklearn.discrepancy.naming import _without_refinement
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
+
+
+def position_damping(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0] - 3.0 * x[0] * x[0] * x[1]
+
+
+def growing_inertia(x, u, p):
+    return x[1], (p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]) / (1.0 + 0.002 * x[0] * x[0])
+
+
+class TestUnnamedForces:
+    @pytest.mark.parametrize(
+        ("law", "fitting"), [(position_damping, {SURFACE, DRIVEN}), (growing_inertia, {DRIVEN})]
+    )
+    def test_a_law_of_several_signals_fits_what_no_curve_can(self, law, fitting):
+        def plain(x, u, p):
+            return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0]
+
+        about = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+        parameters = {"gain": 4.0, "damping": 0.5}
+        rng = np.random.default_rng(0)
+        u = levels(rng, 1200)
+        y = ODESimulator(law, parameters=parameters, **about).simulate(u)
+        y = y + 0.002 * rng.normal(size=y.shape)
+        simulator = ODESimulator(plain, parameters=parameters, **about)
+        windows = cut([(slice(0, 1200), 0)], 300, 12)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.002])))
+        base = fit(problem, Model(simulator.nominal, (), np.zeros((4, 2))))
+        run = problem.run(base.model)
+        structure = find_structure(simulator, run.x, u)
+        costs = {}
+        for hypothesis in curve_hypotheses(simulator, structure, u, run.x, run.y):
+            found = fit(problem, base.model._replace(effects=(hypothesis.placed,)))
+            code = hypothesis.placed.effect.code
+            costs[code] = min(found.cost, costs.get(code, np.inf))
+        assert {code for code, cost in costs.items() if cost < 1.1 * problem.n_seen} == fitting
+        assert min(cost for code, cost in costs.items() if code not in fitting) > 2.2 * problem.n_seen
+
+
+NOTHING_LEFT = Leftover(1.0, 0.0)
+
+
+class TestOddPlaces:
+    def test_a_name_from_elsewhere_says_no_more_than_a_curve_that_fits_as_well(self):
+        problem, start = axis_problem([friction(0.4)])
+        base = fit(problem, start)
+        best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
+        curve = Candidate(best.fit, problem.n_seen)
+        elsewhere = Candidate(
+            best.fit._replace(model=best.fit.model._replace(effects=(replace(best.effects[0], odd=True),))),
+            problem.n_seen,
+        )
+        assert _decide(base, best, (), curve, NOTHING_LEFT, 0.005) == "explained"
+        assert _decide(base, elsewhere, (), curve, NOTHING_LEFT, 0.005) == "unknown"
+        assert _decide(base, elsewhere, (), None, NOTHING_LEFT, 0.005) == "explained"
+
+
+class TestExactSimulations:
+    @pytest.mark.parametrize(("damping", "verdict"), [(0.5, "consistent"), (0.7, "refit")])
+    def test_a_residual_of_rounding_is_nothing_missing(self, damping, verdict):
+        u = levels(np.random.default_rng(0), 800)
+        y = make_axis(damping=damping).simulate(u)
+        found = DiscrepancyRegressor(make_axis()).fit(u, y)
+        assert found.verdict_ == verdict
+        assert not found.findings_
+        assert found.p_value_ == 1.0
+
+
+@pytest.mark.parametrize(
+    ("p_value", "share", "of_form", "verdict"),
+    [
+        (1e-4, 0.07, True, "unknown"),  # its form is wrong
+        (1e-4, 0.07, False, "explained"),  # something small is missing elsewhere
+        (1e-4, 0.2, False, "unknown"),  # something large is
+        (1e-4, 0.03, True, "explained"),  # no form is exact
+        (0.3, 0.07, True, "explained"),  # it may be noise
+    ],
+)
+def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_form, verdict):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
+    left = Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
+    assert _decide(base, best, (), None, left, 0.005) == verdict
+
+
+@pytest.mark.parametrize(
+    ("said", "rival", "verdict"),
+    [
+        ("sensor_bias", "additive_drift", "ambiguous"),  # a drift leaves whatever its course is
+        ("sensor_bias", None, "unknown"),
+        ("coulomb_friction", "additive_drift", "unknown"),
+    ],
+)
+def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, verdict):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+
+    def found(code):
+        kind = CATALOGUE[code]
+        on_output = PlacedEffect(kind, Port("output", 0), theta=(0.1,) * len(kind.parameters))
+        effect = friction(0.4) if code == "coulomb_friction" else on_output
+        return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+
+    alternatives = ((found(rival),),) if rival else ((),)
+    left = Leftover(1e-4, base.cost)
+    assert _decide(base, found(said), alternatives, None, left, 0.005) == verdict
+
+
+def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanation():
+    """Without the name that has such a law too, Stribeck friction at the limits of its shape."""
+
+    def stage(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[3] * np.sign(x[1]) * abs(x[1]) ** 0.7
+
+    def nominal(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    def make(rhs, **parameters):
+        return ODESimulator(rhs, dt=0.02, parameters=parameters, states=["x", "v"], inputs=["u"])
+
+    rng = np.random.default_rng(1)
+    u = levels(rng, 1500)
+    y = make(stage, b=1.1, c=0.4, k=12.0, r=0.6).simulate(u) + 0.004 * rng.normal(size=(1500, 1))
+    others = DiscrepancyRegressor(make(nominal, b=1.0, c=0.5, k=12.0), exclude=["stribeck_friction"])
+    found = others.fit(u, y)
+    assert found.verdict_ == "unknown"
+    assert found.findings_[0].port == "state:1"
+
+
+def test_two_names_that_leave_what_follows_the_motion_stand_in_for_something_else():
+    """A drive that is faster on its way up than down is neither a lag nor a curve, nor both."""
+
+    def stage(x, u, p):
+        return x[1], x[2] - 0.5 * x[1] - 12.0 * x[0], (u[0] - x[2]) / (0.05 if u[0] > x[2] else 0.25)
+
+    def nominal(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    plant = ODESimulator(
+        stage,
+        dt=0.02,
+        parameters={},
+        states=["x", "v", "drive"],
+        inputs=["u"],
+        output=lambda x, u, p: (x[0],),
+        outputs=["x"],
+    )
+    model = {"b": 1.1, "c": 0.6, "k": 11.5}
+    simulator = ODESimulator(nominal, dt=0.02, parameters=model, states=["x", "v"], inputs=["u"])
+    rng = np.random.default_rng(0)
+    u = levels(rng, 3000)
+    y = plant.simulate(u)
+    y = y + 0.01 * y.std() * rng.normal(size=y.shape)
+    effects = ["lag", "delay", "input_polynomial", "dead_zone", "coulomb_friction"]
+    found = DiscrepancyRegressor(simulator, effects=effects).fit(u, y)
+    assert found.verdict_ == "unknown"
+    assert "What these leave is no noise. It depends on" in found.report_
+
+
+def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.01,))
+    pair = fit(problem, base.model._replace(effects=(friction(0.4), load)))
+    two = Candidate(pair, problem.n_seen)
+    assert _decide(base, two, (), None, NOTHING_LEFT, 0.005) == "explained"
+    for share, verdict in ((0.002, "explained"), (0.02, "unknown")):  # of what two names explain
+        cost = pair.cost - share * (base.cost - pair.cost)
+        curve = pair._replace(cost=cost, model=pair.model._replace(effects=(friction(0.4),)))
+        found = Candidate(curve, problem.n_seen)
+        assert found.criterion < two.criterion
+        assert _decide(base, two, (), found, NOTHING_LEFT, 0.005) == verdict
+
+
+@pytest.mark.parametrize(
+    ("other", "share", "kept"),
+    [("asymmetric_friction", 0.003, 1), ("asymmetric_friction", 0.02, 2), ("quadratic_drag", 0.003, 2)],
+)
+def test_a_look_alike_that_only_mends_the_form_of_another_is_left_out(other, share, kept):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    found = fit(problem, base.model._replace(effects=(friction(0.4),)))
+    single = Candidate(found, problem.n_seen)
+    effects = (friction(0.4), friction(0.01, other, (0.0,) if other == "asymmetric_friction" else ()))
+    cost = found.cost - share * (base.cost - found.cost)
+    pair = Candidate(found._replace(cost=cost, model=found.model._replace(effects=effects)), problem.n_seen)
+    chosen = _without_refinement(pair, [pair, single], base.cost)
+    assert len(chosen.effects) == kept

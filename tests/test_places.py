@@ -1,0 +1,112 @@
+"""Where effects are tried: places where one meets them, and odd ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_machines import levels, make_axis, make_circuit, tank
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import argument_told
+from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+
+class TestPlaces:
+    def structure_of(self, simulator, n=300):
+        u = levels(np.random.default_rng(0), n)
+        x = simulator.run(u, Windows.whole([slice(0, n)]), np.zeros((1, len(simulator.states)))).x
+        return find_structure(simulator, x, u)
+
+    def test_a_charge_is_the_position_of_a_current_but_its_equation_may_miss_physics(self):
+        structure = self.structure_of(make_circuit())
+        assert structure.partner == (-1, 0)
+        assert structure.kinematic.tolist() == [False, False]
+        arguments = {
+            p.argument_name
+            for p in placements(CATALOGUE["cubic_stiffness"], make_circuit(), structure)
+            if p.port == Port("state", 1)
+        }
+        assert "capacitor" in arguments
+
+    def test_friction_of_a_level_is_odd_and_that_of_a_speed_is_not(self):
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        for state, odd in (("level [m]", True), ("speed [rad/s]", False), ("level", False)):
+            simulator = ODESimulator(tank, states=[state], **made)
+            rubbing = replace(CATALOGUE["coulomb_friction"], code="rubbing")  # a user's own says so itself
+            for effect in (CATALOGUE["coulomb_friction"], rubbing):
+                placed = placements(effect, simulator, self.structure_of(simulator))
+                assert [p.odd for p in placed] == [odd]
+
+    def test_what_slides_is_odd_in_a_circuit_where_a_diode_is_not(self):
+        simulator = make_circuit()
+        for code, odd in (
+            ("presliding_friction", True),
+            ("stribeck_friction", True),
+            ("coulomb_friction", False),
+        ):
+            placed = placements(CATALOGUE[code], simulator, self.structure_of(simulator))
+            assert [p.odd for p in placed if p.port == Port("state", 1)] == [odd]
+
+    def test_a_spring_of_a_speed_is_odd_where_no_position_goes_with_it(self):
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        spring = CATALOGUE["cubic_stiffness"]
+        for state, odd in (("speed [rad/s]", True), ("position [m]", True), ("value", False)):
+            simulator = ODESimulator(tank, states=[state], **made)
+            assert [p.odd for p in placements(spring, simulator, self.structure_of(simulator))] == [odd]
+        simulator = make_axis()
+        placed = placements(spring, simulator, self.structure_of(simulator))
+        assert [p.odd for p in placed if p.port == Port("state", 1)] == [False]
+
+    def test_friction_may_grow_with_whatever_drives_the_motion(self):
+        def drive(x, u, p):
+            twist = p[1] * (x[0] - x[2]) + p[2] * (x[1] - x[3])
+            return x[1], p[0] * u[0] - twist, x[3], twist
+
+        simulator = ODESimulator(
+            drive,
+            dt=0.01,
+            parameters={"gain": 1.0, "shaft": 30.0, "damping": 0.5},
+            states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
+            inputs=["torque [N m]"],
+        )
+        placed = placements(CATALOGUE["load_friction"], simulator, self.structure_of(simulator))
+        drives = {(p.port.index, p.second, p.second_name, p.second_unit) for p in placed}
+        assert drives == {
+            (1, (), "", ""),
+            (1, (1.0, 0.0, 0.0, 0.0, 0.0), "torque", "N m"),
+            (1, (0.0, 1.0, 0.0, -1.0, 0.0), "motor - load", "rad"),
+            (3, (), "", ""),
+            (3, (0.0, -1.0, 0.0, 1.0, 0.0), "load - motor", "rad"),
+        }
+
+        u = 5 * levels(np.random.default_rng(1), 800)
+        rubbing = next(p for p in placed if p.second_name == "motor - load").at([2.0])
+        y = simulator.with_effects([rubbing]).simulate(u)
+        found = DiscrepancyRegressor(simulator, max_effects=1, random_state=0).fit(
+            u, y + 1e-3 * np.std(y) * np.random.default_rng(2).standard_normal(y.shape)
+        )
+        assert found.findings_[0].effect == "load_friction"
+        assert found.simulator_.effects[0].second_name in ("motor - load", "load - motor")
+        assert ", L = " in found.findings_[0].argument
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "argument"),
+    [
+        ("coulomb_friction", "state", "v = signal [m]"),
+        ("root_outflow", "state", "x = signal [m]"),
+        ("overflow", "state", "s = signal [m]"),
+        ("cubic_stiffness", "state", "x = signal [m]"),
+        ("backlash", "input", "s = signal [m]"),
+        ("backlash", "state", "x = signal [m]"),
+        ("sensor_clip", "output", "s = signal [m]"),
+        ("constant_load", "state", ""),
+    ],
+)
+def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
+    placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
+    assert argument_told(placed) == argument

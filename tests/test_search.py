@@ -1,0 +1,158 @@
+"""The search: what is asked for, added, exchanged and put in order."""
+
+import numpy as np
+import pytest
+from small_machines import axis_problem, friction
+
+from narx_sklearn.discrepancy import confirm, explain
+from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.ranking import leaders
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+
+class TestAsked:
+    def bank(self, unasked):
+        problem, start = axis_problem([friction(0.3)])
+        found = fit(problem, start)
+        run = problem.run(found.model)
+        inside = problem.rows[problem.inside]
+        structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
+        asked = [CATALOGUE["gain_drift"]]
+        bank = make_bank(
+            problem,
+            found,
+            enumerate_hypotheses(asked, problem, found.model, run, structure, unasked),
+        )
+        return problem, found, bank
+
+    def test_what_nobody_asks_for_takes_up_structure_but_is_not_named(self):
+        problem, _, few = self.bank([])
+        _, found, all_of_them = self.bank([CATALOGUE["coulomb_friction"]])
+        noise = [np.var(flexible_residual(bank, problem.n_seen)[0]) for bank in (few, all_of_them)]
+        assert noise[1] < 0.5 * noise[0]
+        certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+        named = {placed.effect.code for placed in leaders(all_of_them, 10, certain, 1.0)}
+        assert named == {"gain_drift"}
+        assert probe(problem, found, all_of_them, 0).statistic[all_of_them.owner == 0].max() > 0
+        assert not probe(problem, found, all_of_them, 0).statistic[-1]
+
+
+class TestByWeight:
+    def test_the_effect_that_explains_most_comes_first(self):
+        small = PlacedEffect(
+            CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.02,), argument_name="velocity"
+        )
+        problem, start = axis_problem([friction(0.3), small])
+        for effects in ((small, friction(0.3)), (friction(0.3), small)):
+            found = Candidate(fit(problem, start._replace(effects=effects)), problem.n_seen)
+            order = by_weight(problem, found)
+            assert [effects[i].effect.code for i in order] == ["coulomb_friction", "constant_load"]
+
+    def test_a_gain_before_a_limit_stays_before_it(self):
+        """Told by weight, they still act in the order in which their values were fitted."""
+        gain = PlacedEffect(
+            CATALOGUE["gain_drift"], Port("input", 0), theta=(0.2, 0.5, 0.0), argument_name="force"
+        )
+        limit = PlacedEffect(
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 0.0), argument_name="force"
+        )
+        problem, start = axis_problem([gain, limit])
+        runs = [problem.run(start._replace(effects=e)).y for e in ((gain, limit), (limit, gain))]
+        assert np.nanmax(np.abs(runs[1] - runs[0])) > 0.01
+        found = Candidate(fit(problem, start._replace(effects=(gain, limit))), problem.n_seen)
+        assert [found.effects[i].effect.code for i in by_weight(problem, found)] == [
+            "rate_limit",
+            "gain_drift",
+        ]
+        assert [effect.effect.code for effect in found.effects] == ["gain_drift", "rate_limit"]
+
+
+class TestRateLimit:
+    def test_a_drive_that_is_not_yet_where_it_is_told_to_be_is_fitted(self):
+        resting = PlacedEffect(
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 1.0), argument_name="force"
+        )
+        problem, start = axis_problem([resting])
+        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.0])),)))
+        assert found.model.effects[0].theta == pytest.approx((0.5, 1.0), rel=0.05)
+        assert Candidate(found, problem.n_seen).n_values == 3  # where it began has no price
+
+
+class TestSearch:
+    @pytest.fixture
+    def found(self, monkeypatch):
+        """Return a search of Coulomb friction and drag in which some sets find nothing beside them."""
+
+        def search(is_barren, first=("coulomb_friction", "quadratic_drag", "stribeck_friction")):
+            problem, start = axis_problem([friction(0.3), friction(0.05, "quadratic_drag")])
+            base = fit(problem, start)
+            structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
+
+            def hypotheses(found):
+                codes = ("coulomb_friction", "quadratic_drag") if found.model.effects else first
+                asked = [CATALOGUE[code] for code in codes]
+                return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+
+            singles = []
+
+            def sometimes_barren(problem, base, placed, n_jobs=None, **options):
+                if singles and is_barren(base.model.effects, singles):
+                    return []
+                found = refit_leaders(problem, base, placed, n_jobs, **options)
+                singles.extend(found)
+                return found
+
+            monkeypatch.setattr(explain, "refit_leaders", sometimes_barren)
+            limits = {"alpha": 0.01, "max_effects": 3, "n_leaders": 8}
+            return explain.search(problem, base, hypotheses, random_state=0, **limits), singles
+
+        return search
+
+    def test_where_nothing_added_to_the_best_takes_what_it_leaves_sets_are_built_on_the_next(self, found):
+        steps, singles = found(lambda effects, singles: effects[0].place == singles[0].effects[0].place)
+        best = min(steps[1].candidates, key=lambda c: c.criterion)
+        assert best.effects[0].place == singles[1].effects[0].place != singles[0].effects[0].place
+        assert best.criterion < singles[0].criterion - HARDLY
+
+    def test_a_set_that_is_stuck_is_tried_without_its_older_members(self, found, monkeypatch):
+        monkeypatch.setattr(explain, "BEAM", 1)
+
+        def is_barren(effects, singles):
+            return len(effects) > 1 and effects[0].effect.code == "cogging"
+
+        steps, _ = found(is_barren, first=("cogging",))
+        best = min((c for step in steps for c in step.candidates), key=lambda c: c.criterion)
+        assert {effect.effect.code for effect in best.effects} == {"coulomb_friction", "quadratic_drag"}
+
+    @pytest.mark.parametrize("is_noise", [True, False])
+    def test_what_goes_with_a_drift_must_be_more_than_noise_wherever_the_drift_stood(
+        self, is_noise, monkeypatch
+    ):
+        problem, start = axis_problem([friction(0.3)])
+        ramp = np.linspace(0.0, 0.02, len(problem.y))[:, None]
+        problem = Problem(problem.simulator, problem.u, problem.y + ramp, problem.windows, problem.noise)
+        base = fit(problem, start)
+        structure = find_structure(problem.simulator, problem.run(base.model).x, problem.u)
+        asked = [CATALOGUE[code] for code in ("coulomb_friction", "additive_drift")]
+
+        def hypotheses(found):
+            return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+
+        def chances(trial, some, offsets):
+            beside_drift = any(effect.effect.code == "additive_drift" for effect in trial.base.effects)
+            return [float(beside_drift and is_noise)] * len(some)
+
+        monkeypatch.setattr(confirm, "chances", chances)
+        limits = {"alpha": 0.01, "max_effects": 2, "n_leaders": 4}
+        steps = explain.search(problem, base, hypotheses, random_state=0, **limits)
+        built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]
+        assert ["coulomb_friction", "additive_drift"] in built
+        assert (["additive_drift", "coulomb_friction"] in built) is not is_noise
