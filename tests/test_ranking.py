@@ -9,7 +9,7 @@ from small_machines import make_axis
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import CERTAIN
+from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import refit_leaders, refit_pairs
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
@@ -141,7 +141,7 @@ def searched():
     structure = find_structure(problem.simulator, run.x, u)
     hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, base.model, run, structure)
     bank = make_bank(problem, base, hypotheses)
-    singles = refit_leaders(problem, base, leaders(bank, 12, CERTAIN, 1.0))
+    singles = refit_leaders(problem, base, leaders(bank, 12, NONE_SILENT, 1.0))
     return problem, base, bank, singles
 
 

@@ -26,8 +26,8 @@ FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong abo
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
 RIVALS = 3  # next best explanations that may be likelier, each under noise of its own
-# with which no kind of effect is silent
-CERTAIN = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
+# so sure that something is missing that no kind of effect is silent
+NONE_SILENT = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 
 
 class Searched(NamedTuple):
@@ -124,7 +124,7 @@ def _leading(
     in place of degrees, the way back from there is long, and what explains most beside their nominal values
     is fitted too.
     """
-    placed = leaders(bank, settings.n_leaders, CERTAIN, 1.0)
+    placed = leaders(bank, settings.n_leaders, NONE_SILENT, 1.0)
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
     p = problem.simulator.nominal
     near = (np.abs(refitted.model.p) <= FAR * np.abs(p)) & (np.abs(p) <= FAR * np.abs(refitted.model.p))
@@ -132,7 +132,7 @@ def _leading(
         return found
     nominal = fit_states(problem, refitted.model._replace(p=p))
     bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
-    placed = with_pushes(bank, settings.n_leaders, CERTAIN)
+    placed = with_pushes(bank, settings.n_leaders, NONE_SILENT)
     found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
     return once_each(sorted(found, key=lambda c: c.criterion))
 
