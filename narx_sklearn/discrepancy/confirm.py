@@ -103,10 +103,6 @@ class Trial(NamedTuple):
         """Return what a candidate has beyond the base."""
         return tuple(effect for effect in candidate.effects if effect.place not in self.base.places)
 
-    def is_slowly_off(self, candidate: Candidate) -> bool:
-        """Tell whether all that a candidate adds is as slow as noise may be."""
-        return all(is_slow(effect) for effect in self.added(candidate))
-
 
 class Beside(NamedTuple):
     """A set of effects as it is held against a larger one: linear about its fit, and the noise it leaves."""
@@ -161,8 +157,8 @@ def confirmed(
     the next best are asked: the noise so far may owe its colour to what two effects left, and one that
     stands under any colour then stands for what is before it. An odd place has its price. Where only a drift
     or an offset of an output stands, with drifting noise not against it, nothing else is found but what is
-    hardly noise, or fits so much better that no noise makes the two alike; a drift that fits no better than
-    an offset is held against what an offset is.
+    hardly noise, however much better it fits than a drift of this form does; a drift that fits no better
+    than an offset is held against what an offset is.
     """
     if not found:
         return detection, found
@@ -176,11 +172,8 @@ def confirmed(
         if min(likely) <= alpha:
             found = [c for k, c in enumerate(found) if k >= len(asked) or likely[k] <= alpha]
     standing = [c for c, chance in zip(asked, likely, strict=True) if chance <= alpha]
-    if standing and all(trial.is_slowly_off(c) for c in standing):
-        far = min(c.criterion for c in standing) - CERTAIN
-        doubtful = [chance <= max(alpha, DOUBTFUL) for chance in likely]
-        better = [c.criterion < far and not trial.is_slowly_off(c) for c in asked]
-        found = [c for k, c in enumerate(asked) if doubtful[k] or better[k]]
+    if standing and all(is_slow(effect) for c in standing for effect in trial.added(c)):
+        found = [c for c, chance in zip(asked, likely, strict=True) if chance <= max(alpha, DOUBTFUL)]
     return detection._replace(p_value=max(detection.p_value, min(likely))), found
 
 
