@@ -46,6 +46,17 @@ def make_circuit():
     )
 
 
+def make_drive(equations, dt, torque, **parameters):
+    """Return a motor, whose angle is measured, that turns a load through a shaft."""
+    return ODESimulator(
+        equations,
+        dt=dt,
+        parameters=parameters,
+        states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
+        inputs=[torque],
+    )
+
+
 def levels(rng, n, hold=15):
     return np.repeat(rng.normal(0.0, 3.0, n // hold + 1), hold)[:n, None]
 

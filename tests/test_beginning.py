@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from small_machines import axis_problem, levels, make_axis, make_circuit
+from small_machines import axis_problem, levels, make_axis, make_circuit, make_drive
 
-from narx_sklearn.discrepancy import ODESimulator, verify
+from narx_sklearn.discrepancy import verify
 from narx_sklearn.discrepancy.beginning import _lengthened
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -80,14 +80,7 @@ class TestLatePieces:
     @pytest.mark.parametrize("seed", [1, 3])
     def test_a_poor_guess_of_what_nobody_measured_is_not_held_against_a_simulator(self, seed):
         rng = np.random.default_rng(seed)
-        drive = ODESimulator(
-            two_masses,
-            dt=0.02,
-            parameters={"gain": 1.0, "damping": 0.5, "stiffness": 40.0},
-            states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
-            inputs=["torque [V]"],
-            outputs=["motor [rad]"],
-        )
+        drive = make_drive(two_masses, 0.02, "torque [V]", gain=1.0, damping=0.5, stiffness=40.0)
         rubs = PlacedEffect(
             CATALOGUE["coulomb_friction"], Port("state", 3), (0.0, 0.0, 0.0, 1.0), theta=(0.8,)
         )

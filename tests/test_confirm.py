@@ -8,8 +8,8 @@ from small_machines import axis_problem, friction, levels, make_circuit
 from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
-from narx_sklearn.discrepancy.detect import Detection
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -88,8 +88,7 @@ class TestChanceOfNoise:
 
         monkeypatch.setattr(confirm, "deviance", given)
         monkeypatch.setattr(confirm, "as_if_white", lambda problem, base, candidate, gained, seed: gained)
-        certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-        found, stays = confirm.confirmed(confirm.Trial(problem, base, bank), found, certain, alpha)
+        found, stays = confirm.confirmed(confirm.Trial(problem, base, bank), found, NONE_SILENT, alpha)
         return found.p_value, [c.effects[0].effect.code for c in stays]
 
     def test_where_the_best_may_be_noise_the_next_stands_for_what_is_before_it(self, monkeypatch):

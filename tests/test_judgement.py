@@ -8,6 +8,7 @@ from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
 from narx_sklearn.discrepancy.judgement import Leftover, _decide
 from narx_sklearn.discrepancy.naming import _without_refinement
@@ -207,3 +208,21 @@ def test_a_look_alike_that_only_mends_the_form_of_another_is_left_out(other, sha
     pair = Candidate(found._replace(cost=cost, model=found.model._replace(effects=effects)), problem.n_seen)
     chosen = _without_refinement(pair, [pair, single], base.cost)
     assert len(chosen.effects) == kept
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "argument"),
+    [
+        ("coulomb_friction", "state", "v = signal [m]"),
+        ("root_outflow", "state", "x = signal [m]"),
+        ("overflow", "state", "s = signal [m]"),
+        ("cubic_stiffness", "state", "x = signal [m]"),
+        ("backlash", "input", "s = signal [m]"),
+        ("backlash", "state", "x = signal [m]"),
+        ("sensor_clip", "output", "s = signal [m]"),
+        ("constant_load", "state", ""),
+    ],
+)
+def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
+    placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
+    assert argument_told(placed) == argument

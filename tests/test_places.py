@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from small_machines import levels, make_axis, make_circuit, tank
+from small_machines import levels, make_axis, make_circuit, make_drive, tank
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.hypotheses import placements
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE
@@ -66,13 +64,7 @@ class TestPlaces:
             twist = p[1] * (x[0] - x[2]) + p[2] * (x[1] - x[3])
             return x[1], p[0] * u[0] - twist, x[3], twist
 
-        simulator = ODESimulator(
-            drive,
-            dt=0.01,
-            parameters={"gain": 1.0, "shaft": 30.0, "damping": 0.5},
-            states=["motor [rad]", "motor speed [rad/s]", "load [rad]", "load speed [rad/s]"],
-            inputs=["torque [N m]"],
-        )
+        simulator = make_drive(drive, 0.01, "torque [N m]", gain=1.0, shaft=30.0, damping=0.5)
         placed = placements(CATALOGUE["load_friction"], simulator, self.structure_of(simulator))
         drives = {(p.port.index, p.second, p.second_name, p.second_unit) for p in placed}
         assert drives == {
@@ -92,21 +84,3 @@ class TestPlaces:
         assert found.findings_[0].effect == "load_friction"
         assert found.simulator_.effects[0].second_name in ("motor - load", "load - motor")
         assert ", L = " in found.findings_[0].argument
-
-
-@pytest.mark.parametrize(
-    ("code", "kind", "argument"),
-    [
-        ("coulomb_friction", "state", "v = signal [m]"),
-        ("root_outflow", "state", "x = signal [m]"),
-        ("overflow", "state", "s = signal [m]"),
-        ("cubic_stiffness", "state", "x = signal [m]"),
-        ("backlash", "input", "s = signal [m]"),
-        ("backlash", "state", "x = signal [m]"),
-        ("sensor_clip", "output", "s = signal [m]"),
-        ("constant_load", "state", ""),
-    ],
-)
-def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
-    placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
-    assert argument_told(placed) == argument

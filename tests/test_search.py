@@ -7,7 +7,7 @@ from small_machines import axis_problem, friction
 from narx_sklearn.discrepancy import confirm, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -38,8 +38,7 @@ class TestAsked:
         _, found, all_of_them = self.bank([CATALOGUE["coulomb_friction"]])
         noise = [np.var(flexible_residual(bank, problem.n_seen)[0]) for bank in (few, all_of_them)]
         assert noise[1] < 0.5 * noise[0]
-        certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-        named = {placed.effect.code for placed in leaders(all_of_them, 10, certain, 1.0)}
+        named = {placed.effect.code for placed in leaders(all_of_them, 10, NONE_SILENT, 1.0)}
         assert named == {"gain_drift"}
         assert probe(problem, found, all_of_them, 0).statistic[all_of_them.owner == 0].max() > 0
         assert not probe(problem, found, all_of_them, 0).statistic[-1]

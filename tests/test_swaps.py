@@ -9,7 +9,7 @@ from small_machines import make_axis
 from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import Step
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
@@ -122,8 +122,7 @@ def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(prob
     favoured = pool[0].fit._replace(cost=0.9 * min(c.fit.cost for c in pool))
     pool[0] = Candidate(favoured, working.n_seen)
     refitted = fit(working, drag.fit.model._replace(effects=()))
-    certain = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
-    step = Step(certain, make_bank(working, refitted, []), pool)
+    step = Step(NONE_SILENT, make_bank(working, refitted, []), pool)
     monkeypatch.setattr(coloured_search, "_steps", lambda *_: [step])
     settings = SimpleNamespace(alpha=0.01, n_jobs=None, tell=lambda stage: None)
     before = coloured_search.Searched(working, refitted, [step])

@@ -47,6 +47,11 @@ class Searched(NamedTuple):
         """All that was fitted, best first."""
         return pool_of(self.steps)
 
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """All that was tried, as it was tried last."""
+        return list({h.placed.place: h for step in self.steps for h in step.bank.hypotheses}.values())
+
 
 def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
     """Estimate the colour of the noise, and search for what is missing under it."""

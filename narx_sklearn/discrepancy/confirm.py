@@ -197,7 +197,6 @@ def chances(trial: Trial, some: list[Candidate], offsets: Set[Port] = frozenset(
         )
     )
     without = {kind: next(deviances) for kind in against}
-    n_directions = trial.bank.n_directions
     beside = cache(partial(Beside.of, problem, base))  # once, where anything asks for it
     found = []
     for candidate, kinds in zip(some, noises, strict=True):
@@ -209,17 +208,15 @@ def chances(trial: Trial, some: list[Candidate], offsets: Set[Port] = frozenset(
         if len(kinds) > 1 and all(is_of_a_sensor(effect) for effect in added):
             no_drift = chance_of_noise(gained.pop(True), LEVELS, 1, n_felt)
         least = min(gained.values())
-        chance = _chance(trial, least, added, n_felt, n_directions)
+        chance = _chance(trial, least, added, n_felt)
         if chance <= DOUBTFUL and True in gained:
             least = as_if_white(problem, beside(), candidate, least + price, trial.random_state) - price
-            chance = _chance(trial, least, added, n_felt, n_directions)
+            chance = _chance(trial, least, added, n_felt)
         found.append(max(no_drift, chance))
     return found
 
 
-def _chance(
-    trial: Trial, gained: float, effects: tuple[PlacedEffect, ...], n_felt: int, n_directions: float
-) -> float:
+def _chance(trial: Trial, gained: float, effects: tuple[PlacedEffect, ...], n_felt: int) -> float:
     """Return the chance that noise gains as much, the less of two bounds.
 
     One counts hypotheses, or sets of so many, and the shapes of an effect that the samples can tell apart.
@@ -235,7 +232,7 @@ def _chance(
     by_values = chance_of_noise(gained, n_sets, n_values, len(effects))
     if len(effects) > 1 or not blind:
         return by_values
-    return min(by_values, chance_of_noise(gained, n_directions, 1, n_felt))
+    return min(by_values, chance_of_noise(gained, trial.bank.n_directions, 1, n_felt))
 
 
 def more_than_drift(

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, ODD, Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import Searched, converged, hypotheses_of
 from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, is_of_a_sensor, n_shapes
-from narx_sklearn.discrepancy.explain import FINE, Step, probe, refit_leaders
+from narx_sklearn.discrepancy.explain import FINE, probe, refit_leaders
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.lookalikes import REFINES, declared_rival, is_a_change, likeliest, look_alikes
@@ -67,12 +67,13 @@ def _judged(
     searched: Searched, best: Candidate, pool: list[Candidate], structure: Structure, settings: Settings
 ) -> Judgement:
     """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
-    problem, refitted, steps = searched
+    problem, refitted, _ = searched
     leftover = _leftover(problem, best, structure, settings)
     # where the named form visibly leaves something, its look-alikes may leave as much, and some more
     visible = max(leftover.gain, 0.0) if leftover.p_value <= SUSPECT else 0.0
     tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
-    alternatives = _alternatives(problem, best, pool, tolerated, _ordinary(steps), refitted.cost)
+    starts = {h.placed.always().place: h.starts for h in searched.hypotheses}
+    alternatives = _alternatives(problem, best, pool, tolerated, starts, refitted.cost)
     unnamed = best_unnamed(problem, refitted, best, structure, settings)
     follows = _left_by_several(problem, refitted, best, structure, settings)
     stand_in = bool(follows) or _stand_in(refitted, best, leftover, settings.alpha)
@@ -113,11 +114,6 @@ def _alternatives(
             tuple(look_alikes(problem, best, rivals, tolerated, starts, unexplained=unexplained)[1:])
         )
     return tuple(found)
-
-
-def _ordinary(steps: list[Step]) -> dict[tuple, np.ndarray]:
-    """Return the starting values of all that was tried, by its place."""
-    return {h.placed.always().place: h.starts for step in steps for h in step.bank.hypotheses}
 
 
 def _replaced(candidate: Candidate, kept: set) -> set[str]:

@@ -24,8 +24,7 @@ def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> 
     Sets that are tried on the way join the ``pool``.
     """
     problem, refitted, steps = searched
-    hypotheses = list({h.placed.place: h for step in steps for h in step.bank.hypotheses}.values())
-    best = _likeliest_set(problem, pool, refitted.cost, hypotheses, settings.n_jobs)
+    best = _likeliest_set(problem, pool, refitted.cost, searched.hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
     return converged(problem, best, settings.n_jobs)
