@@ -128,6 +128,7 @@ def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, ver
     assert _decide(base, found(said), alternatives, None, left, 0.005) == verdict
 
 
+@pytest.mark.long
 def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanation():
     """Without the name that has such a law too, Stribeck friction at the limits of its shape."""
 
@@ -149,6 +150,7 @@ def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanat
     assert found.findings_[0].port == "state:1"
 
 
+@pytest.mark.long
 def test_two_names_that_leave_what_follows_the_motion_stand_in_for_something_else():
     """A drive that is faster on its way up than down is neither a lag nor a curve, nor both."""
 

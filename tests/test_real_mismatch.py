@@ -52,6 +52,7 @@ def test_emps_says_dry_friction_of_the_documented_size(cases, diagnose):
     assert outcome.gain("pulses") > 5.0
 
 
+@pytest.mark.long
 def test_tanks_say_overflow_that_spills_onward_and_run_freely_as_well_as_published_models(cases, diagnose):
     outcome = diagnose(cases.cascaded_tanks())
     assert outcome.effects[0] == "overflow"

@@ -228,6 +228,7 @@ def test_a_twin_follows_the_program_where_its_parameters_go():
     assert np.abs(sim.with_parameters(p).simulate(u) - MASSES.with_parameters(p).simulate(u)).max() < 1e-12
 
 
+@pytest.mark.long
 def test_a_diagnosis_asks_the_program_few_times():
     u = 10 * np.repeat(excitation(150), 10)
 

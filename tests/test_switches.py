@@ -221,6 +221,7 @@ def test_a_simulation_with_friction_is_only_refitted():
     assert_allclose(dx.parameters_["refitted"], [1.1, 0.8, 40.0, 0.25], rtol=0.02)
 
 
+@pytest.mark.long
 def test_what_is_missing_beside_its_own_friction_is_named_alone():
     dx = diagnosed(cubic=800.0)
     assert [finding.effect for finding in dx.findings_] == ["cubic_stiffness"]

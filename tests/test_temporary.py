@@ -183,15 +183,15 @@ def test_what_always_acts_is_said_to_act_always():
 
 
 def test_what_begins_and_stays_has_no_end_unless_it_ended_unseen():
-    u, y = rubbed(start=1900, stop=4000)
+    u, y = rubbed(2400, 1150, 2400)
     effects = ["coulomb_friction", "constant_load"]
     stays = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
-    assert stays.findings_[0].during == (pytest.approx(1900 * DT, abs=8 * DT), np.inf)
+    assert stays.findings_[0].during == (pytest.approx(1150 * DT, abs=8 * DT), np.inf)
     assert stays.scores_["nrmse"]["augmented"] < 0.5 * stays.scores_["nrmse"]["refitted"]
-    u, y = rubbed(start=1900, stop=3250)  # the last fifth is held out, and the friction is gone there
+    u, y = rubbed(2400, 1150, 1970)  # the last fifth is held out, and the friction is gone there
     ended = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
     assert ended.verdict_ == "explained"
-    assert ended.findings_[0].during == pytest.approx((1900 * DT, 3200 * DT), abs=8 * DT)
+    assert ended.findings_[0].during == pytest.approx((1150 * DT, 1920 * DT), abs=8 * DT)
 
 
 def test_what_is_contradicted_after_its_end_explains_nothing():
@@ -245,6 +245,7 @@ def sagging(x, u, p):
     return x[1], p[0] * (1.0 - u[1]) * u[0] - p[1] * x[1] - p[2] * x[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rhs", "port", "parameter"),
     [(loosening, "state:1", ("k", 2.2, "1/s^2")), (sagging, "input:0", ("k", -0.2, "-"))],
@@ -340,9 +341,9 @@ def test_nothing_is_searched_where_the_rest_was_not_measured():
 
 
 def test_a_stretch_that_is_pointed_at_badly_is_mended():
-    u, y = rubbed(3000, 1000, 2000)
-    problem, _, (step,) = searched_in(y, u, 1150, 1900)
-    assert best_of(step).effects[0].during == pytest.approx((1000 * DT, 2000 * DT), abs=8 * DT)
+    u, y = rubbed(1500, 500, 1000)
+    problem, _, (step,) = searched_in(y, u, 575, 950)
+    assert best_of(step).effects[0].during == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)
     assert step.detection.p_value < 1e-10
     assert problem.noise.sigma[0] == pytest.approx(0.004, rel=0.1)
 
@@ -432,6 +433,7 @@ def test_times_in_words(during, words):
     assert load.always().during == ALWAYS
 
 
+@pytest.mark.long
 def test_parameters_come_from_a_part_that_was_spared_and_each_effect_has_its_own_ends():
     """A load on the far side of a shaft, for a quarter of the time, while all parameters are guessed."""
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from inspect import Parameter, signature
 from types import FunctionType
 from typing import Any
 
@@ -34,8 +35,20 @@ def picker(indices: tuple[int, ...]):
     return _fixed(measure)
 
 
+def takes_rates(function: Callable) -> bool:
+    """Tell whether an output is one of four arguments, ``(x, u, p, rates)``."""
+    try:
+        taken = signature(getattr(function, "py_func", function)).parameters.values()
+    except (TypeError, ValueError):  # of what was compiled from C nobody knows
+        return False
+    positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(one.kind in positional and one.default is Parameter.empty for one in taken) == 4
+
+
 def compiled(function: Callable, n: int):
     """Return the user's function of ``n`` values as ``(x, u, p, written)``, compiled where numba can.
+
+    One that takes rates has them after the states in ``x``.
 
     Compiled functions are remembered by what they compute, not by which object they are: a copy that came
     through pickle to a worker, or a notebook cell run again, is not compiled again.
@@ -88,12 +101,14 @@ def _is_hashable(value) -> bool:
 
 def _compile(function: Callable, n: int):
     reason = "it is no plain function"
+    with_rates = takes_rates(function)
+    given = "x[: x.size // 2], u, p, x[x.size // 2 :]" if with_rates else "x, u, p"
     if isinstance(function, FunctionType) or hasattr(function, "py_func"):
         reach = _reach(function) if isinstance(function, FunctionType) else None
         inner = _jitted(function, checked=reach is None)
         for lines in _assignments(n):
             source = (
-                f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner(x, u, p)\n    {lines}"
+                f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner({given})\n    {lines}"
             )
             try:
                 return _fixed(_executed(source, {}, {"inner": inner}))
@@ -101,7 +116,8 @@ def _compile(function: Callable, n: int):
                 reason = _first_line(error)
 
     def write(x, u, p, written):
-        written[:] = np.asarray(function(x, u, p), dtype=float).reshape(n)
+        given = (x[: x.size // 2], u, p, x[x.size // 2 :]) if with_rates else (x, u, p)
+        written[:] = np.asarray(function(*given), dtype=float).reshape(n)
 
     _warn_of_price(getattr(function, "__name__", type(function).__name__), reason, stacklevel=6)
     return _interpreted(write)
@@ -174,9 +190,11 @@ def _reach(function: FunctionType) -> tuple[int, ...] | None:
 
 
 def _guard(reach: tuple[int, ...] | None) -> str:
-    """Return the line that compares the lengths of ``x, u, p`` with what is taken of them."""
-    if reach is None or len(reach) != 3:
+    """Return the line that compares the lengths of ``x, u, p`` (and rates) with what is taken of them."""
+    if reach is None or len(reach) not in (3, 4):
         return "pass"
+    if len(reach) == 4:  # states and rates are as many, the two halves of x
+        reach = (2 * max(reach[0], reach[3]), *reach[1:3])
     short = " or ".join(f"{name}.size < {n}" for name, n in zip("xup", reach, strict=True))
     return f"if {short}: raise IndexError('index is out of bounds')"
 

@@ -87,13 +87,14 @@ def response(problem: Problem, linear: Tangent, port: Port, forces: np.ndarray) 
         return out
     at_input = port.kind == "input"
     into = (linear.B if at_input else linear.G)[:, :, port.index]
+    shown = linear.D if at_input else linear.F  # at once
     dx = np.zeros((problem.windows.count, linear.A.shape[1], forces.shape[1]))
     for k, inside in zip(problem.rows.T, problem.inside.T, strict=True):  # all windows abreast
         k, dx = k[inside], dx[inside] if not inside.all() else dx
         w = forces[k][:, None, :]
         out[k] = linear.C[k] @ dx
-        if at_input:
-            out[k] += linear.D[k][:, :, port.index][:, :, None] * w
+        if shown is not None:
+            out[k] += shown[k][:, :, port.index][:, :, None] * w
         ahead = np.nan_to_num(linear.A[k] @ dx + into[k][:, :, None] * w)
         dx = np.zeros((inside.size, *ahead.shape[1:]))
         dx[inside] = ahead

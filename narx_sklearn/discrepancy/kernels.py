@@ -1,7 +1,7 @@
 """The kernel under every simulator: windows of a record, effects at the state equations.
 
     x' = f(x, u, p) + sum_e force_e        (or x[k+1] = f(x[k], u[k], p) + sum_e force_e for a map)
-    y  = h(x, u, p)
+    y  = h(x, u, p)                        (or h(x, u, p, x'), of what an accelerometer sees)
 
 The right-hand side, the output and the forces of the effects enter by their addresses, as functions of one
 signature each, so this kernel is compiled once (in two forms) and kept on disk, and only the user's own few
@@ -39,7 +39,8 @@ FLAGS = types.Array(types.boolean, 1, "C")
 EQUATION = types.void(*[POINTER] * 4, *[types.intp] * 4)
 """Signature of a right-hand side and of an output: where ``x, u, p, written`` lie, and their lengths.
 
-(Arrays would be handed over with all they know of themselves, at the price of many lines of arithmetic.)
+An output of rates too finds them after the states, as the second half of ``x``. (Arrays would be handed over
+with all they know of themselves, at the price of many lines of arithmetic.)
 """
 
 FORCE = types.float64(*[types.float64] * 6, *[POINTER] * 3)
@@ -303,6 +304,7 @@ def _simulate_windows(
     substeps,
     linear_hold,
     discrete,
+    sees_rates,
     special,
     y_out,
     x_out,
@@ -324,7 +326,8 @@ def _simulate_windows(
     `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
     steps that start between its times `begins` and `ends`, counted from where the session began. The
     equations jump by about twice an `authority` where one of the `switches` @ x is zero, to within a `width`.
-    A step in which that happens, or a force that `sticks` turns about, is parted. `special` is None where
+    A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
+    is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
     compiles that case apart, and it runs in half the time.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
@@ -349,10 +352,13 @@ def _simulate_windows(
         np.empty(n_states),
         np.empty(n_inputs),
         np.empty(n_outputs),
+        np.empty(2 * n_states),
         np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS * 4, MAX_MEMORY)),  # row 4 e + r: effect e at stage r
     )
-    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, z_stage, dz = _borrowed(owned)
+    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving, z_stage, dz = _borrowed(
+        owned
+    )
     share = np.zeros(MAX_EFFECTS)
     z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
     entered = 0.0
@@ -392,9 +398,10 @@ def _simulate_windows(
                     for i in range(n_outputs):
                         y_out[rest, i] = np.nan
                 break
-            _write(output, x, now, p, observed)
-            for i in range(n_outputs):
-                y_out[k, i] = observed[i]
+            if not sees_rates:
+                _write(output, x, now, p, observed)
+                for i in range(n_outputs):
+                    y_out[k, i] = observed[i]
             for s in range(substeps):
                 parts, part = 1, 0
                 h = dt / substeps
@@ -518,6 +525,13 @@ def _simulate_windows(
                                 h /= FINER
                                 force_step = h
                                 continue
+                        if sees_rates and r == 0 and part == 0 and s == 0:
+                            for i in range(n_states):
+                                moving[i] = x[i]
+                                moving[n_states + i] = slope[0, i]
+                            _write(output, moving, now, p, observed)
+                            for i in range(n_outputs):
+                                y_out[k, i] = observed[i]
                         r += 1
                     if is_map:
                         for i in range(n_states):
@@ -555,8 +569,11 @@ def _simulate_windows(
                             mean = outer * slope[3, i] + (on - on * on + outer) * slope[0, i]
                             mean += inner * (slope[1, i] + slope[2, i])
                             stage[i] = before[i] + h * mean
+                            moving[i] = stage[i]
+                            mean = (2 * on - 1) * (on * slope[3, i] + (on - 1) * slope[0, i])
+                            moving[n_states + i] = mean + 2 * on * (1 - on) * (slope[1, i] + slope[2, i])
                         _write_inputs(0.5, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _write(output, stage, now, p, observed)
+                        _write(output, moving if sees_rates else stage, now, p, observed)
                         for i in range(n_outputs):
                             middle_out[k, i] = observed[i]
                     for e in range(n_forces):
@@ -621,6 +638,7 @@ def simulate_windows():
         INTEGERS,
         types.float64,
         types.int64,
+        types.boolean,
         types.boolean,
         types.boolean,
     )

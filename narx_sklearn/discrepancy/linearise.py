@@ -28,7 +28,8 @@ def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray
     rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
     equation, output = simulator._equations()
     write_values(equation_address(equation), x, u, p, rates)
-    write_values(equation_address(output), x, u, p, outputs)
+    seen = np.concatenate([x, rates]) if simulator.sees_rates else x
+    write_values(equation_address(output), seen, u, p, outputs)
     return rates, outputs
 
 

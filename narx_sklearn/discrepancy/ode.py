@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from narx_sklearn._validation import check_choice
-from narx_sklearn.discrepancy.equations import compiled, picker
+from narx_sklearn.discrepancy.equations import compiled, picker, takes_rates
 from narx_sklearn.discrepancy.linearise import Linearisation, linearise, steady_state, steps
 from narx_sklearn.discrepancy.simulator import Parameter, Signal, Simulator
 from narx_sklearn.discrepancy.switches import Switches, find_switches
@@ -21,7 +21,7 @@ LOOKED_AT = 16  # samples of a run at which eigenvalues are taken
 
 
 class ODESimulator(Simulator):
-    r"""Simulate :math:`\dot x = f(x, u, p)`, :math:`y = h(x, u, p)` by Runge-Kutta steps of order four.
+    r"""Simulate :math:`\dot x = f(x, u, p)`, :math:`y = h(x, u, p, \dot x)` by Runge-Kutta of order four.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ class ODESimulator(Simulator):
         Names of the measured outputs.
     output : sequence of int or callable, optional
         Indices of the states that are measured, or ``h(x, u, p)``. By default the states named as the
-        outputs are, or else the first ones.
+        outputs are, or else the first ones. What an accelerometer sees is ``h(x, u, p, rates)``: rates are
+        dx/dt as they are, with all forces that were not in the simulation.
     substeps : int, default=1
         Integration steps in one sampling period. Where dry friction brings a motion to rest, or turns it
         about, a step is parted further, and what the equations have as a sign, an ``if`` or a steep tanh of
@@ -99,6 +100,7 @@ class ODESimulator(Simulator):
             raise ValueError(f"substeps must be an integer of at least 1, got {substeps!r}.")
         self.substeps = int(substeps)
         self.linear_hold = check_choice(hold, "hold", ("zero", "linear")) == "linear"
+        self.sees_rates = callable(self.output) and takes_rates(self.output)
         self._try_out()
         self._found: Switches = self._find_switches()
 
@@ -118,7 +120,10 @@ class ODESimulator(Simulator):
             return output, signals
         indices = np.atleast_1d(np.asarray(output))
         if indices.dtype.kind not in "iu":
-            raise TypeError(f"output must be indices of states or a function h(x, u, p), got {output!r}.")
+            raise TypeError(
+                f"output must be indices of states or a function h(x, u, p) or h(x, u, p, rates), "
+                f"got {output!r}."
+            )
         output = tuple(int(i) for i in indices)
         outside = [i for i in output if not 0 <= i < len(names)]
         if outside:
@@ -134,7 +139,8 @@ class ODESimulator(Simulator):
         sizes = len(self.states), len(self.inputs), self.nominal
         _try(self.function, *sizes, len(self.states), "function", "rates, one for each state")
         if callable(self.output):
-            _try(self.output, *sizes, len(self.outputs), "output", "values, one for each output")
+            wanted = "values, one for each output"
+            _try(self.output, *sizes, len(self.outputs), "output", wanted, with_rates=self.sees_rates)
 
     def _find_switches(self) -> Switches:
         p = np.where(self.nominal == 0, np.clip(1.0, *self.bounds.T), self.nominal)
@@ -321,22 +327,30 @@ def read_parameter(label: str, given) -> Parameter:
     return Parameter(name, unit, value, lower, upper)
 
 
-def _try(function, n_states: int, n_inputs: int, p, n: int, name: str, wanted: str) -> None:
+def _try(
+    function, n_states: int, n_inputs: int, p, n: int, name: str, wanted: str, with_rates: bool = False
+) -> None:
     """Call a function with ones, or with zeros where it does not like ones, and check what it returns."""
+    name += "(x, u, p, rates)" if with_rates else "(x, u, p)"
+
+    def called(value):
+        rates = [np.full(n_states, value)] if with_rates else []
+        return function(np.full(n_states, value), np.full(n_inputs, value), p.copy(), *rates)
+
     try:
-        result = function(np.ones(n_states), np.ones(n_inputs), p.copy())
+        result = called(1.0)
     except Exception as error:
         try:
-            result = function(np.zeros(n_states), np.zeros(n_inputs), p.copy())
+            result = called(0.0)
         except Exception:
             raise ValueError(
-                f"{name}(x, u, p) raised {type(error).__name__}: {error}, called with {n_states} states, "
+                f"{name} raised {type(error).__name__}: {error}, called with {n_states} states, "
                 f"{n_inputs} inputs and {p.size} parameters, all states and inputs 1 (and again with 0)."
             ) from error
     if isinstance(result, tuple | list):
         result = np.concatenate([np.empty(0), *(np.asarray(value).reshape(-1) for value in result)])
     values = np.asarray(result)
     if values.dtype.kind not in "biuf":
-        raise ValueError(f"{name}(x, u, p) returned {result!r}; wanted are {n} numbers.")
+        raise ValueError(f"{name} returned {result!r}; wanted are {n} numbers.")
     if values.size != n:
-        raise ValueError(f"{name}(x, u, p) returned {values.size} values; wanted are {n} {wanted}.")
+        raise ValueError(f"{name} returned {values.size} values; wanted are {n} {wanted}.")

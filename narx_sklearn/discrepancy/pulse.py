@@ -109,6 +109,8 @@ def gradients_by_force(problem: Problem, linear: Tangent, e: np.ndarray) -> dict
         inside = problem.inside[:, step]
         k, r, after = problem.rows[inside, step], raw[inside, step], ahead[inside]
         at_state[:, inside, step] = np.moveaxis(_back(linear.G[k], after), 1, 0)
+        if linear.F is not None:
+            at_state[:, inside, step] += np.moveaxis(_back(linear.F[k], r), 1, 0)
         at_input[:, inside, step] = np.moveaxis(_back(linear.B[k], after) + _back(linear.D[k], r), 1, 0)
         ahead = np.zeros_like(ahead)
         ahead[inside] = np.nan_to_num(_back(linear.C[k], r) + _back(linear.A[k], after))

@@ -83,7 +83,8 @@ class Simulator(ABC):
     """Base of all simulators: signals, parameters, effects, and the run over windows.
 
     A subclass gives ``_equations()``: the compiled right-hand side and output, both
-    ``(x, u, p, written)``. Everything else is here.
+    ``(x, u, p, written)``, where an output that ``sees_rates`` has them after the states in ``x``. Everything
+    else is here.
     """
 
     dt: float
@@ -95,6 +96,7 @@ class Simulator(ABC):
     substeps: int = 1
     linear_hold: bool = False
     discrete: bool = False
+    sees_rates: bool = False
 
     @abstractmethod
     def _equations(self) -> tuple[Any, Any]:
@@ -204,6 +206,7 @@ class Simulator(ABC):
                 self.substeps,
                 self.linear_hold,
                 self.discrete,
+                self.sees_rates,
                 is_special or None,
                 y,
                 x,

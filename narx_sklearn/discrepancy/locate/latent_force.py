@@ -536,6 +536,8 @@ def _entrance(linear: Tangent, covered: Covered, port: Port, scale):
         d[:] = linear.D[covered.samples, :, port.index] / scale
     elif port.kind == "state":
         g[:] = linear.G[covered.samples, :, port.index]
+        if linear.F is not None:
+            d[:] = linear.F[covered.samples, :, port.index] / scale
     else:
         d[:, port.index] = 1.0 / scale[port.index]
     return g, d

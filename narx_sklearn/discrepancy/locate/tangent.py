@@ -17,7 +17,7 @@ BLOCK = 1 << 15  # samples perturbed in one call, so that memory does not grow w
 class Tangent(NamedTuple):
     """Tangent-linear model of a simulator along one run, sample by sample; NaN where the run has none.
 
-    dx[k+1] = A[k] dx[k] + B[k] du[k] + G[k] w[k] + P[k] dp,   dy[k] = C[k] dx[k] + D[k] du[k]
+    dx[k+1] = A[k] dx[k] + B[k] du[k] + G[k] w[k] + P[k] dp,   dy[k] = C[k] dx[k] + D[k] du[k] + F[k] w[k]
 
     Attributes
     ----------
@@ -33,6 +33,8 @@ class Tangent(NamedTuple):
         What they show of the inputs at once.
     P : ndarray of shape (n_samples, n_states, n_parameters), optional
         A change of a parameter.
+    F : ndarray of shape (n_samples, n_outputs, n_states), optional
+        What the outputs show of a disturbance at once; None where they see no rates.
     """
 
     A: np.ndarray
@@ -41,6 +43,7 @@ class Tangent(NamedTuple):
     C: np.ndarray
     D: np.ndarray
     P: np.ndarray | None = None
+    F: np.ndarray | None = None
 
 
 def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=None) -> Tangent:
@@ -95,7 +98,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     steps_x, steps_u = _steps(run.x), _steps(driven)
     n = u.shape[0]
     A, B, G, P = (np.full((n, n_states, width), np.nan) for width in (n_states, n_inputs, n_states, p.size))
-    C, D = (np.full((n, n_outputs, width), np.nan) for width in (n_states, n_inputs))
+    C, D, F = (np.full((n, n_outputs, width), np.nan) for width in (n_states, n_inputs, n_states))
     seam = np.zeros(n, dtype=bool)
     seam[windows.last - 1] = True
     began = np.zeros(n, dtype=np.int64)
@@ -113,7 +116,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
         for j in range(n_states):
             move = steps_x[j] * np.eye(n_states)[j]
             A[rows, :, j], C[rows, :, j] = stepper.slope(x - move, x + move, at_rest, steps_x[j])
-            G[rows, :, j] = stepper.disturbance(x, at_rest, j, 100 * steps_x[j] / simulator.dt)
+            G[rows, :, j], F[rows, :, j] = stepper.disturbance(x, at_rest, j, 100 * steps_x[j] / simulator.dt)
         for i in range(n_inputs):
             move = steps_u[i] * np.eye(n_inputs)[i]
             B[rows, :, i], D[rows, :, i] = stepper.slope(x, x, at_rest, steps_u[i], move)
@@ -126,7 +129,8 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     for effect, slope in _sensor_slopes(simulator, sensors, raw, driven, windows):
         C[:, effect.port.index] *= slope[:, None]
         D[:, effect.port.index] *= slope[:, None]
-    return Tangent(A, B, G, C, D, P)
+        F[:, effect.port.index] *= slope[:, None]
+    return Tangent(A, B, G, C, D, P, F if simulator.sees_rates else None)
 
 
 class _Stepper:
@@ -154,15 +158,15 @@ class _Stepper:
         return (x_high - x_low) / (2 * step), (y_high - y_low) / (2 * step)
 
     def disturbance(self, x, effects, equation, size):
-        """Return the change of the next states per unit of a constant added to one state equation."""
+        """Return the change of next states and present outputs per unit added to one state equation."""
         if self.simulator.discrete:
-            return np.eye(x.shape[1])[equation]
+            return np.eye(x.shape[1])[equation], 0.0
         # the other effects change this response at second order of the step only: make room for the constant
         effects = effects[: MAX_EFFECTS - 1]
         unit = PlacedEffect(_CONSTANT, Port("state", equation), (0.0,) * x.shape[1])
-        low, _ = self.step(x, (*effects, unit.at([-size])))
-        high, _ = self.step(x, (*effects, unit.at([size])))
-        return (high - low) / (2 * size)
+        x_low, y_low = self.step(x, (*effects, unit.at([-size])))
+        x_high, y_high = self.step(x, (*effects, unit.at([size])))
+        return (x_high - x_low) / (2 * size), (y_high - y_low) / (2 * size)
 
 
 def _steps(signals: np.ndarray) -> np.ndarray:
