@@ -5,6 +5,10 @@ import pytest
 from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import NARXSimulator, ODESimulator, check_record
+from narx_sklearn.discrepancy.checks import DataFinding, still_standing
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.model import NARXModel
 
 N = 1200
@@ -191,3 +195,18 @@ def test_data_that_do_not_fit_are_refused():
     u, y = record()
     with pytest.raises(ValueError, match="y has 2 columns, the simulator has 1"):
         check_record(nominal(), u, np.column_stack([y, y]))
+
+
+def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
+    """Where errors of parameters grow, the quick refit of the check may go anywhere."""
+    u, y = record(noise=0.0)
+    windows = cut([(slice(0, N), 0)], 200, 8)
+    problem = Problem(nominal(), u, y, windows, Noise.white(np.ones(1)))
+    units, clipped = (
+        DataFinding("units", "", {"before": 60.0, "after": 0.4}),
+        DataFinding("clipped_output", ""),
+    )
+    found = [units, clipped]
+    near, far = (y + share * y.std() for share in (0.5, 0.7))  # 0.25 and 0.49 of the variance
+    assert still_standing(found, problem, near) == [clipped]
+    assert still_standing(found, problem, far) == found

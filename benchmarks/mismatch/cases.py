@@ -246,10 +246,8 @@ def _two_modes(x, u, p):
     )
 
 
-def _acceleration(x, u, p):
-    first = u[0] - p[0] * x[1] - p[1] * x[0]
-    second = u[0] - p[3] * x[3] - p[4] * x[2]
-    return (p[2] * first + p[5] * second + p[6] * u[0],)
+def _acceleration(x, u, p, rates):
+    return (p[2] * rates[1] + p[5] * rates[3] + p[6] * u[0],)
 
 
 def f16(most: int | None = 8192) -> Case:

@@ -21,7 +21,7 @@ from narx_sklearn._validation import (
 )
 from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.checks import check_record
+from narx_sklearn.discrepancy.checks import check_record, still_standing
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
@@ -244,6 +244,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
         measured = np.where(spikes, np.nan, measured)
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
+        self.data_findings_ = still_standing(self.data_findings_, diagnosis.problem, diagnosis.base_run.y)
         self.data_findings_ += coarse_steps(diagnosis.problem, diagnosis.best.fit.model)
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
