@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import lfilter, lsim
 
@@ -779,7 +780,7 @@ class TestTransforms:
     def test_series_kernels_agree_with_their_python_form(self, run, theta):
         signal = wideband(60)
         if run is _following_run:
-            signal = np.column_stack([signal, wideband(60, seed=2)])
+            signal = np.column_stack([signal, wideband(60, seed=2), wideband(60, seed=3)])
         np.testing.assert_allclose(run(signal, *theta), run.py_func(signal, *theta), rtol=1e-12, atol=1e-15)
 
     def test_a_stuck_sensor_holds_the_value_it_stuck_at(self):
@@ -809,13 +810,35 @@ class TestTransforms:
         bent = (begin + share * (rest[:, None] + share * 2 * (signal - 2 * middle + after)[:, None])).ravel()
         effect = CATALOGUE[code]
         exact = effect.transform(bent, None, DT / fine, theta, [0])
-        known = effect.curved(signal, middle, DT, theta, [0])
+        known = effect.curved(signal, middle, after, DT, theta, [0])
         np.testing.assert_allclose(known[0], exact[::fine], atol=3e-3)
         np.testing.assert_allclose(known[1], exact[fine // 2 :: fine], atol=3e-3)
         straight = effect.transform(signal, None, DT, theta, [0])
         assert np.abs(straight - exact[::fine]).max() > 10 * np.abs(known[0] - exact[::fine]).max()
-        line = np.append(0.5 * (signal[1:] + signal[:-1]), signal[-1])
-        np.testing.assert_allclose(effect.curved(signal, line, DT, theta, [0])[0], straight, atol=1e-12)
+        line = 0.5 * (signal + after)
+        np.testing.assert_allclose(
+            effect.curved(signal, line, after, DT, theta, [0])[0], straight, atol=1e-12
+        )
+
+    def test_what_jumps_at_the_samples_is_followed_exactly(self):
+        """A signal that is held from sample to sample."""
+        held = (np.random.default_rng(5).normal(size=40),) * 3
+        lag, delay, mode = (CATALOGUE[code].curved for code in ("lag", "delay", "extra_mode"))
+        begin, middle, end = lag(*held, DT, [0.03, 0.0], [0])
+        np.testing.assert_allclose(end, held[0] + (begin - held[0]) * np.exp(-DT / 0.03), atol=1e-12)
+        np.testing.assert_allclose(middle, held[0] + (begin - held[0]) * np.exp(-DT / 0.06), atol=1e-12)
+        np.testing.assert_allclose(begin[1:], end[:-1], atol=1e-12)
+        begin, middle, end = delay(*held, DT, [2.25 * DT, 0.0], [0])
+        np.testing.assert_allclose(begin[3:], held[0][:-3], atol=1e-12)
+        np.testing.assert_allclose(middle[2:], held[0][:-2], atol=1e-12)
+        np.testing.assert_allclose(end[2:], held[0][:-2], atol=1e-12)
+        begin, middle, end = mode(*held, DT, [0.5, 60.0, 0.1], [0])
+        x, w = np.zeros(2), 60.0
+        for k, value in enumerate(held[0]):
+            x[0] = value if k == 0 else x[0]
+            assert begin[k] == pytest.approx(value + 0.5 * (x[0] - value), abs=1e-12)
+            x = [value, 0.0] + expm(np.array([[0.0, 1.0], [-w * w, -0.2 * w]]) * DT) @ (x - [value, 0.0])
+            assert end[k] == pytest.approx(value + 0.5 * (x[0] - value), abs=1e-12)
 
 
 class TestHysteresis:

@@ -310,6 +310,7 @@ def _simulate_windows(
     x_out,
     z_out,
     middle_out,
+    end_out,
 ):
     """Run every window from its own initial state; return the sample where the run left the finite range.
 
@@ -331,8 +332,9 @@ def _simulate_windows(
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
     compiles that case apart, and it runs in half the time.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
-    MAX_MEMORY); and middle_out (n_samples, n_outputs), if it has rows: the outputs half a step after each
-    sample. Rows outside the windows are left alone. -1 is returned when all went well.
+    MAX_MEMORY); and middle_out and end_out (n_samples, n_outputs), if they have rows: the outputs half a step
+    after each sample, and a whole one, before a held input jumps. Rows outside the windows are left alone. -1
+    is returned when all went well.
     """
     # owners of what inlined helpers are handed would be counted in every branch; what is borrowed has none
     weights, seconds, theta, switches, p, u, tilt = _borrowed((weights, seconds, theta, switches, p, u, tilt))
@@ -576,6 +578,14 @@ def _simulate_windows(
                         _write(output, moving if sees_rates else stage, now, p, observed)
                         for i in range(n_outputs):
                             middle_out[k, i] = observed[i]
+                    if wants_middle and s == substeps - 1 and part == parts - 1:
+                        for i in range(n_states):
+                            moving[i] = x[i]
+                            moving[n_states + i] = slope[3, i]
+                        _write_inputs(1.0, k, k + 1 < last[w], u, tilt, linear_hold, now)
+                        _write(output, moving if sees_rates else x, now, p, observed)
+                        for i in range(n_outputs):
+                            end_out[k, i] = observed[i]
                     for e in range(n_forces):
                         if is_map and memory[e] > 0 and not jumps[e]:
                             # a memory goes on between the samples, while what it depends on moves evenly
@@ -643,6 +653,6 @@ def simulate_windows():
         types.boolean,
     )
     for special in (types.none, types.boolean):
-        _simulate_windows.compile((*before, special, *[MATRIX] * 4))
+        _simulate_windows.compile((*before, special, *[MATRIX] * 5))
     _simulate_windows.disable_compile()
     return _simulate_windows

@@ -183,7 +183,7 @@ class Simulator(ABC):
         forces = [(effects[i], share[i]) for i in in_turn(effects)]
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
         bends = any(e.port.kind == "output" and e.effect.curved is not None for e in effects)
-        middle = np.full((n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
+        within = np.full((2, n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
         equation, output = self._equations()
         p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
         switches = self.switches
@@ -211,11 +211,11 @@ class Simulator(ABC):
                 y,
                 x,
                 z,
-                middle,
+                *within,
             )
         except Exception as error:
             raise _stopped_by(error, x, windows, self.dt) from error
-        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, middle=middle)
+        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within)
         return Run(y, x, z, failed)
 
     def identified(self, u, *, sessions=None) -> "Simulator":
@@ -391,17 +391,18 @@ def _applied(
     dt,
     windows: Windows,
     is_held: bool = False,
-    middle: np.ndarray | None = None,
+    within: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return signals with effects applied, and by how much they then rise within each step, if they do.
 
     What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
     signals are means over the steps, and the rise is that of the straight line of least squares. Where the
-    ``middle`` of each step is known, (n_samples, n_signals) or no rows, what arrives late is that of a signal
-    which bends there; behind an effect that does not tell its own middle it is no longer known.
+    middle and the end of each step are known, ``within`` (2, n_samples, n_signals) or no samples, what
+    arrives late is that of a signal which bends there and may jump at the samples; behind an effect that does
+    not tell its own they are no longer known.
     """
-    middle = np.empty((0, signals.shape[1])) if middle is None else middle
-    bends = np.full(signals.shape[1], len(middle) > 0)
+    within = np.empty((2, 0, signals.shape[1])) if within is None else within
+    bends = np.full(signals.shape[1], within.shape[1] > 0)
     out, tilt = signals, np.empty((0, signals.shape[1]))
     for placed, scale in zip(effects, strength, strict=True):
         if placed.port.kind != kind:
@@ -420,9 +421,9 @@ def _applied(
             tilt = tilt if len(tilt) else np.zeros_like(signals)
             tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
         elif bends[placed.port.index] and placed.effect.curved is not None:
-            at = middle[keep, placed.port.index]
-            changed, then = placed.effect.curved(inside, at, dt, theta, begin)
-            middle[keep, placed.port.index] = at + np.where(acts, scale * (then - at), 0.0)
+            at = within[:, keep, placed.port.index]
+            changed, *then = placed.effect.curved(inside, *at, dt, theta, begin)
+            within[:, keep, placed.port.index] = at + np.where(acts, scale * (np.array(then) - at), 0.0)
         else:
             bends[placed.port.index] = False
             changed = placed.effect.transform(

@@ -36,22 +36,21 @@ def _delay_transform(signal, second, dt, theta, first):
     return out
 
 
-def _delay_curved(signal, middle, dt, theta, first):
+def _delay_curved(signal, middle, end, dt, theta, first):
     """Interpolate by the parabola of the step that came so much earlier."""
     time = time_since(first, signal.size, dt)
     began = np.flatnonzero(time == 0)
-    out = np.column_stack([signal, middle])
+    out = np.column_stack([signal, middle, end])
     for a, b in zip(began, [*began[1:], signal.size], strict=True):
         good = a + np.flatnonzero(np.isfinite(out[a:b]).all(axis=1))
         if not good.size:
             continue
-        known, between, at = signal[good], middle[good], time[good]
-        after = np.append(known[1:], known[-1])
-        for j, now in enumerate((at, at + 0.5 * dt)):
-            then = np.searchsorted(at, now - theta[0], side="right") - 1
-            share = np.minimum((now - theta[0] - at[then]) / dt, 1.0)
-            late = _parabola(share, known[then], between[then], after[then])
-            out[good, j] = np.where(then >= 0, late, known[0] * (1.0 - theta[1]))
+        step, at = out[good], time[good]
+        for j in range(3):
+            then = at + 0.5 * j * dt - theta[0]
+            k = np.searchsorted(at, then, side="left" if j == 2 else "right") - 1  # an end is before a jump
+            late = _parabola(np.minimum((then - at[k]) / dt, 1.0), *step[k].T)
+            out[good, j] = np.where(k >= 0, late, step[0, 0] * (1.0 - theta[1]))
     return out.T
 
 
@@ -95,25 +94,24 @@ def _held_lag_run(values, decay, lacking):
 
 @kernel
 def _following_run(curve, half, full, lacking):
-    """Return the first state of a linear system along a curve, known at the samples and in between.
+    """Return the first state of a linear system along a curve: at each step's beginning, middle and end.
 
-    Both (n_samples, 2). Half a step on, and a whole one, the states are (n_states, n_states + 3) times the
-    states and the curve at the step's beginning, in its middle and at its end. The system begins at rest on
-    the first value, but for a share of it that is ``lacking``.
+    Both (n_samples, 3). Half a step on, and a whole one, the states are (n_states, n_states + 3) times the
+    states and these values of the curve. The system begins at rest on the first value, but for a share of it
+    that is ``lacking``.
     """
     n = half.shape[0]
     out = np.empty(curve.shape)
     now, moved = np.zeros(n + 3), np.empty(n)
     now[0] = curve[0, 0] * (1.0 - lacking)
     for k in range(len(curve)):
-        now[n] = curve[k, 0]
-        now[n + 1] = curve[k, 1]
-        now[n + 2] = curve[min(k + 1, len(curve) - 1), 0]
+        now[n:] = curve[k]
         out[k, 0] = now[0]
         out[k, 1] = _row_times(half, 0, now)
         for i in range(n):
             moved[i] = _row_times(full, i, now)
         now[:n] = moved
+        out[k, 2] = now[0]
     return out
 
 
@@ -141,26 +139,29 @@ def _along_parabolas(A, b, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray((half @ of_values)[:n]), np.ascontiguousarray((whole @ of_values)[:n])
 
 
-def _following(signal, middle, first, A, b, dt, lacking):
-    """Return (signal, middle) of a system's first state; along straight lines where the middle is None."""
+def _following(signal, middle, end, first, A, b, dt, lacking):
+    """Return (signal, middle, end) of a system's first state."""
     steps = (*_along_parabolas(A, b, dt), lacking)
-    if middle is None:
-        return by_pieces(_along_lines, signal, first, *steps), None
-    return by_pieces(_following_run, np.column_stack([signal, middle]), first, *steps).T
+    return by_pieces(_following_run, np.column_stack([signal, middle, end]), first, *steps).T
 
 
-def _along_lines(values, half, full, lacking):
-    middle = np.append(0.5 * (values[:-1] + values[1:]), values[-1])
-    return _following_run(np.column_stack([values, middle]), half, full, lacking)[:, 0]
+def _from_sample_to_sample(curved, signal, dt, theta, first):
+    """Return what an effect makes of a signal that is straight from sample to sample."""
+
+    def run(values):
+        end = np.append(values[1:], values[-1])
+        return curved(values, 0.5 * (values + end), end, dt, theta, [0])[0]
+
+    return by_pieces(run, signal, first)
 
 
-def _lag_curved(signal, middle, dt, theta, first):
+def _lag_curved(signal, middle, end, dt, theta, first):
     pace = 1.0 / max(theta[0], SHORT * dt)
-    return _following(signal, middle, first, np.array([[-pace]]), np.array([pace]), dt, theta[1])
+    return _following(signal, middle, end, first, np.array([[-pace]]), np.array([pace]), dt, theta[1])
 
 
 def _lag_transform(signal, second, dt, theta, first):
-    return _lag_curved(signal, None, dt, theta, first)[0]
+    return _from_sample_to_sample(_lag_curved, signal, dt, theta, first)
 
 
 def _lag_held(signal, dt, theta, first):
@@ -192,17 +193,15 @@ def _extra_mode(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * z[0]
 
 
-def _extra_mode_curved(signal, middle, dt, theta, first):
+def _extra_mode_curved(signal, middle, end, dt, theta, first):
     w, zeta = min(theta[1], np.pi / dt), theta[2]  # what is faster than the sampling cannot be told from it
     A, b = np.array([[0.0, 1.0], [-w * w, -2 * zeta * w]]), np.array([0.0, w * w])
-    swung, then = _following(signal, middle, first, A, b, dt, 0.0)
-    if middle is not None:
-        then = middle + theta[0] * (then - middle)
-    return signal + theta[0] * (swung - signal), then
+    swung = _following(signal, middle, end, first, A, b, dt, 0.0)
+    return [given + theta[0] * (own - given) for given, own in zip((signal, middle, end), swung, strict=True)]
 
 
 def _extra_mode_transform(signal, second, dt, theta, first):
-    return _extra_mode_curved(signal, None, dt, theta, first)[0]
+    return _from_sample_to_sample(_extra_mode_curved, signal, dt, theta, first)
 
 
 def _extra_mode_starts(setting: Setting) -> np.ndarray:

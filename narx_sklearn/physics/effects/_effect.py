@@ -82,8 +82,8 @@ class Effect:
         ``held(signal, dt, theta, first) -> (mean, rise)``, its mean over each step, and by how much the
         straight line closest to it rises.
     curved : callable, optional
-        The same for an output that is known in the middle of each step too:
-        ``curved(signal, middle, dt, theta, first) -> (signal, middle)``, of parabolas from sample to sample.
+        The same for an output that is known in the middle and at the end of each step too, where it may jump:
+        ``curved(signal, middle, end, dt, theta, first) -> (signal, middle, end)``, of a parabola a step.
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
