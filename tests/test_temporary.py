@@ -272,8 +272,8 @@ def test_a_parameter_that_changes_is_told_and_no_name_is_sold_for_it(rhs, port, 
     assert scores["augmented"] < 0.3 * scores["refitted"]
 
 
-def searched_in(y, u, start, stop):
-    """Search in a stretch that somebody points at."""
+def searched_in(y, u, start, stop, p=None):
+    """Search in a stretch that somebody points at, from the refitted parameters or others."""
     simulator = make()
     problem = Problem(
         simulator, u, y, cut([(slice(0, len(u)), 0)], 200, 8), Noise.white(np.array([np.nanstd(y)]))
@@ -287,7 +287,14 @@ def searched_in(y, u, start, stop):
     )
     searched = coloured_search(problem, base, structure, settings)
     spans = [(start * DT, stop * DT)]
-    return search_in_spans(spans, searched.refitted.model.p, searched, structure, settings)
+    p = searched.refitted.model.p if p is None else np.array(p)
+    return search_in_spans(spans, p, searched, structure, settings)
+
+
+def test_parameters_with_which_a_run_diverges_are_not_begun_with():
+    u, y = rubbed(1500, 500, 1000)
+    _, _, (step,) = searched_in(y, u, 500, 1000, p=(1.0, 0.8, 1e9))
+    assert best_of(step).effects[0].during == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])

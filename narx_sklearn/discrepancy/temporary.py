@@ -74,7 +74,8 @@ def search_in_spans(
         return None
     problem, refitted, steps = before
     settings.tell("search for what acts for a while")
-    base = fit_states(problem, refitted.model._replace(p=p)).model
+    spared = fit_states(problem, refitted.model._replace(p=p))
+    base = spared.model if np.isfinite(spared.cost) else refitted.model  # a run may diverge elsewhere
     always = before.pool
     named = bool(always) and before.p_value <= settings.alpha
     rival = likeliest(always, refitted.cost) if named else None
