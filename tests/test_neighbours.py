@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.substeps import coarse_steps
+from narx_sklearn.discrepancy.substeps import coarse_steps, too_coarse
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -208,11 +208,12 @@ def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps,
     x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
     problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([noise, noise])))
     model = Model(simulator.nominal, acting.effects, x[windows.first])
-    found = coarse_steps(problem, model)
+    found = too_coarse(problem, model)
     assert bool(found) is said
     if said:
-        assert "Pass substeps=4" in str(found[0])
-        assert found[0].evidence["output"] == "cart"
+        told = coarse_steps(simulator, found)
+        assert "Pass substeps=4" in told.sentence
+        assert told.evidence["output"] == "cart"
 
 
 @pytest.mark.parametrize("made", ["strut", "crane"])

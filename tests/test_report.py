@@ -229,7 +229,8 @@ def scores(**errors):
     """What the headline reads of a diagnosis with one finding."""
     finding = SimpleNamespace(title="a curve", place="on the output y", when="", lookalikes=(), modelled=True)
     table = pd.DataFrame({"nrmse": errors})
-    return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table)
+    apart = SimpleNamespace(steps_miss=False)
+    return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table, _diagnosis=apart)
 
 
 @pytest.mark.parametrize(

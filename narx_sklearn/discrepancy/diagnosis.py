@@ -57,6 +57,7 @@ class Diagnosis:
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
+    steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
 
     @property
     def is_named(self) -> bool:

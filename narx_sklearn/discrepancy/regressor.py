@@ -40,7 +40,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
-from narx_sklearn.discrepancy.substeps import coarse_steps
+from narx_sklearn.discrepancy.substeps import coarse_steps, explained_by_finer, too_coarse
 from narx_sklearn.discrepancy.temporary import DRIFTS, only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
@@ -61,6 +61,7 @@ from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 SECOND_LOOK = 0.25  # of alpha
 MOST_RIVALS = 4  # explanations that one experiment is asked to separate
+STEPS_EXPLAIN = 0.5  # of what effects do: finer steps may be all that is missing
 
 
 class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
@@ -245,7 +246,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         measured = np.where(spikes, np.nan, measured)
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
         self.data_findings_ = still_standing(self.data_findings_, diagnosis.problem, diagnosis.base_run.y)
-        self.data_findings_ += coarse_steps(diagnosis.problem, diagnosis.best.fit.model)
+        diagnosis = self._with_its_steps(diagnosis)
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
@@ -482,6 +483,19 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         second = diagnose(simulator, u, y, self._split(u, sessions)[0], settings)
         self._late_only = second.verdict not in NOTHING_MISSING
         return second if self._late_only else first
+
+    def _with_its_steps(self, diagnosis: Diagnosis) -> Diagnosis:
+        """Return a diagnosis that names no physics for the error of its simulation's steps, and tell it."""
+        problem, refitted, best = diagnosis.problem, diagnosis.refitted.model, diagnosis.best.fit.model
+        before, after = (too_coarse(problem, model) for model in (refitted, best))
+        worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share, default=None)
+        if worse is not None:
+            self.data_findings_.append(coarse_steps(problem.simulator, worse))
+        if before is None or diagnosis.verdict in NOTHING_MISSING:
+            return diagnosis
+        if not explained_by_finer(problem, refitted, best, self.n_jobs) > STEPS_EXPLAIN:
+            return diagnosis
+        return replace(diagnosis, verdict="unknown", steps_miss=True)
 
     @property
     def _nearest(self) -> int:

@@ -7,13 +7,27 @@ from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
 
 def report_text(dx) -> str:
     """Return the report of a fitted DiscrepancyRegressor as plain text."""
-    lines = [f"Verdict: {dx.verdict_}. {VERDICTS[dx.verdict_]}", ""]
+    lines = [f"Verdict: {dx.verdict_}. {verdict_sentence(dx)}", ""]
+    lines += _record(dx)
     lines += _twin(dx)
     lines += _what(dx)
     lines += _parameters(dx)
     lines += _scores(dx)
     lines += _noise(dx)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def verdict_sentence(dx) -> str:
+    """Return what a verdict says."""
+    if dx.verdict_ == "unknown" and dx._diagnosis.steps_miss:
+        return "What the simulation misses may be the error of its own integration steps."
+    return VERDICTS[dx.verdict_]
+
+
+def _record(dx) -> list[str]:
+    if not dx.data_findings_:
+        return []
+    return ["Before physics:", *(f"   {finding}" for finding in dx.data_findings_), ""]
 
 
 def _twin(dx) -> list[str]:

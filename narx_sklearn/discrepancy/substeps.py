@@ -1,53 +1,86 @@
-"""Whether a simulation's own steps are fine enough for what was found in it."""
+"""Whether a simulation's own steps are fine enough for it, and for what was found in it."""
 
 from copy import copy
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from narx_sklearn.discrepancy.checks import DataFinding
 from narx_sklearn.discrepancy.ode import ODESimulator
 from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.simulator import Simulator
 
 FINER = 4  # times as many steps, to compare with
 NOTICEABLE = 0.3  # of the noise, which is a tenth more of error beside it
 
 
-def coarse_steps(problem: Problem, model: Model) -> list[DataFinding]:
-    """Return a finding where finer integration steps move an output by much of its noise.
+class Coarse(NamedTuple):
+    """How far finer integration steps move a run."""
 
-    What sticks, jumps or stops is met within a step, and the steps' own error then looks like physics.
+    output: int  # the one they move most, against its noise
+    share: float  # root mean square, of that output's noise
+    error: float  # the same in the output's unit
 
-    Parameters
-    ----------
-    problem : Problem
-        Windows and noise of the diagnosis.
-    model : Model
-        What was found.
+
+def too_coarse(problem: Problem, model: Model) -> Coarse | None:
+    """Return how far finer integration steps move a run, where that is much of the noise.
+
+    What sticks, jumps or stops is met within a step, stiff equations go their own way in steps that are too
+    long for them, and the steps' own error then looks like physics. A run that only finer steps keep finite
+    is moved without bound.
     """
     simulator = problem.simulator
     if not isinstance(simulator, ODESimulator):
-        return []
-    finer = copy(simulator)
-    finer.substeps = FINER * simulator.substeps
-    runs = (s.run(problem.u, problem.windows, model.x0, model.p, model.effects).y for s in (simulator, finer))
-    moved = np.subtract(*runs)
-    share = _spread(problem.whiten(moved).reshape(problem.seen.shape), problem.weighted)
+        return None
+    finer = _in_finer_steps(simulator)
+    run, fine = (
+        s.run(problem.u, problem.windows, model.x0, model.p, model.effects).y for s in (simulator, finer)
+    )
+    if not np.isfinite(problem.raw(fine)).all():
+        return None  # finer steps do not help
+    moved = problem.raw(fine - run)
+    lost = ~np.isfinite(moved).all(axis=(0, 1))
+    if lost.any():
+        return Coarse(int(np.argmax(lost)), np.inf, np.inf)
+    share = _spread(problem.whiten(fine - run).reshape(problem.seen.shape), problem.weighted)
     worst = int(np.argmax(share))
     if not share[worst] > NOTICEABLE:
-        return []
-    error = _spread(problem.raw(moved), problem.seen)
-    signal = simulator.outputs[worst]
-    step = simulator.dt / simulator.substeps
-    return [
-        DataFinding(
-            "coarse_steps",
-            f"With {FINER} times as many integration steps {signal.name} moves by {error[worst]:.2g} "
-            f"{signal.unit} root mean square, {share[worst]:.1g} times its noise: steps of {step:.4g} s are "
-            "coarse for what was found, and their error may be taken for physics. "
-            f"Pass substeps={finer.substeps} to the simulator and diagnose again.",
-            {"output": signal.name, "error": float(error[worst]), "substeps": finer.substeps},
-        )
-    ]
+        return None
+    return Coarse(worst, float(share[worst]), float(_spread(moved, problem.seen)[worst]))
+
+
+def explained_by_finer(problem: Problem, refitted: Model, best: Model, n_jobs: int | None = None) -> float:
+    """Return how much finer integration steps take off the cost of a refit, over what effects take off it."""
+    before, after = (fit(problem, model, iterations=0).cost for model in (refitted, best))
+    finer = replace(problem, simulator=_in_finer_steps(problem.simulator))
+    return (before - fit(finer, refitted, n_jobs=n_jobs).cost) / max(before - after, 1e-300)
+
+
+def _in_finer_steps(simulator):
+    finer = copy(simulator)
+    finer.substeps = FINER * simulator.substeps
+    return finer
+
+
+def coarse_steps(simulator: Simulator, coarse: Coarse) -> DataFinding:
+    """Return how far finer steps move a run as a finding, with the way out."""
+    signal, step = simulator.outputs[coarse.output], simulator.dt / simulator.substeps
+    finer = _in_finer_steps(simulator).substeps
+    how_far = (
+        f"{signal.name} moves by {coarse.error:.2g} {signal.unit} root mean square, {coarse.share:.1g} times "
+        "its noise"
+        if np.isfinite(coarse.error)
+        else f"{signal.name} no longer leaves the finite range"
+    )
+    return DataFinding(
+        "coarse_steps",
+        f"With {FINER} times as many integration steps {how_far}: steps of {step:.4g} s are coarse for what "
+        "was found, and their error may be taken for physics. "
+        f"Pass substeps={finer} to the simulator and diagnose again.",
+        {"output": signal.name, "error": coarse.error, "substeps": finer},
+    )
 
 
 def _spread(signals: np.ndarray, counted: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from narx_sklearn.analysis.residuals import residual_tests
-from narx_sklearn.discrepancy.report_text import what_is_left
-from narx_sklearn.discrepancy.results import VERDICTS, p_text
+from narx_sklearn.discrepancy.report_text import verdict_sentence, what_is_left
+from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
     before_and_after,
@@ -110,7 +110,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         notes=notes,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         verdict=dx.verdict_,
-        verdict_sentence=VERDICTS[dx.verdict_],
+        verdict_sentence=verdict_sentence(dx),
         headline=headline(dx),
         p_value=p_text(dx.p_value_),
         facts=facts,

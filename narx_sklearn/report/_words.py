@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import ResidualTests
-from narx_sklearn.discrepancy.results import VERDICTS, p_text
+from narx_sklearn.discrepancy.report_text import verdict_sentence
+from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -78,14 +79,14 @@ def headline(dx) -> str:
             list(dict.fromkeys(name for f in dx.findings_ for name in readable(f.lookalikes))), "or"
         )
         sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
-    elif dx.verdict_ == "unknown":
+    elif dx.verdict_ == "unknown" and not dx._diagnosis.steps_miss:
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if corrected(dx):
             sentence += f"; what comes nearest: {names}"
         elif dx.findings_:
             sentence += f"; the likeliest place is {dx.findings_[0].place}"
     else:
-        sentence = VERDICTS[dx.verdict_].rstrip(".")
+        sentence = verdict_sentence(dx).rstrip(".")
     return f"{sentence}{_gain(dx)}."
 
 
