@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from small_machines import levels, make_axis, make_circuit, make_drive, tank
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
@@ -58,6 +59,65 @@ class TestPlaces:
         simulator = make_axis()
         placed = placements(spring, simulator, self.structure_of(simulator))
         assert [p.odd for p in placed if p.port == Port("state", 1)] == [False]
+
+    def test_a_drive_may_pull_at_another_axis_and_gains_may_follow_each_other(self):
+        def table_of_two(x, u, p):
+            return x[1], p[0] * u[0] - p[1] * x[1], x[3], p[2] * u[1] - p[3] * x[3]
+
+        two = ODESimulator(
+            table_of_two,
+            dt=0.02,
+            parameters=dict(zip("abcd", (1.0, 2.0, 0.8, 1.5), strict=True)),
+            states=["x [m]", "vx [m/s]", "y [m]", "vy [m/s]"],
+            inputs=["motor x [V]", "motor y [V]", "hall [degC]"],
+            output=(0, 2),
+        )
+        u = np.column_stack([levels(np.random.default_rng(k), 300, 5 + k) for k in range(3)])
+        x = two.run(u, Windows.whole([slice(0, 300)]), np.zeros((1, 4))).x
+        structure = find_structure(two, x, u)
+
+        def told(code, kind):
+            placed = placements(CATALOGUE[code], two, structure)
+            return {(p.port.index, p.second_name) for p in placed if p.port.kind == kind}
+
+        assert told("coupling", "state") == {(1, "motor y"), (1, "hall"), (3, "motor x"), (3, "hall")}
+        seconds = {(0, "motor y"), (0, "hall"), (1, "motor x"), (1, "hall"), (2, "motor x"), (2, "motor y")}
+        assert told("temperature_gain", "input") <= seconds
+        assert {(0, "motor y"), (0, "hall"), (1, "motor x")} <= told("temperature_gain", "input")
+        assert {name for _, name in told("temperature_gain", "state")} == {"hall"}
+        # one drive is no other: it has no cross-talk with itself
+        shaft = make_drive(
+            lambda x, u, p: (x[1], u[0] - x[0] + x[2], x[3], x[0] - x[2]), 0.01, "torque [N m]"
+        )
+        assert not placements(CATALOGUE["coupling"], shaft, self.structure_of(shaft))
+
+    def test_what_one_motor_does_to_the_other_axis_is_named(self):
+        def two(x, u, p):
+            return x[1], p[0] * u[0] - 2 * x[1] - 30 * x[0], x[3], p[1] * u[1] - 1.5 * x[3] - 20 * x[2]
+
+        def talking(x, u, p):
+            pull = p[1] * u[1] + 0.12 * u[0]
+            return x[1], p[0] * u[0] - 2 * x[1] - 30 * x[0], x[3], pull - 1.5 * x[3] - 20 * x[2]
+
+        def make(equations, *gains):
+            return ODESimulator(
+                equations,
+                dt=0.01,
+                parameters=dict(zip("ab", gains, strict=True)),
+                states=["x [m]", "vx [m/s]", "y [m]", "vy [m/s]"],
+                inputs=["motor x [V]", "motor y [V]"],
+                output=(0, 2),
+            )
+
+        rng = np.random.default_rng(0)
+        u = np.column_stack([levels(rng, 1200, 18), levels(rng, 1200, 23)])
+        y = make(talking, 1.0, 0.8).simulate(u)
+        y += 0.01 * y.std(axis=0) * rng.normal(size=y.shape)
+        effects = ["coupling", "constant_load", "coulomb_friction", "cubic_stiffness"]
+        found = DiscrepancyRegressor(make(two, 1.1, 0.9), effects=effects).fit(u, y)
+        (finding,) = found.findings_
+        assert (found.verdict_, finding.effect, finding.port) == ("explained", "coupling", "state:3")
+        assert finding.parameters["b"] == pytest.approx(0.12, rel=0.05)
 
     def test_friction_may_grow_with_whatever_drives_the_motion(self):
         def drive(x, u, p):

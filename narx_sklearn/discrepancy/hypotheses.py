@@ -173,7 +173,7 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     driving = np.flatnonzero(structure.inputs[i]).tolist() if placed.port.kind == "state" else []
     columns = {
         None: [],
-        "channel": channels,
+        "channel": _others(placed, structure),
         "input": [j for j in range(n_inputs) if j not in channels],
         "drive": driving,
         "feed": driving,
@@ -186,6 +186,22 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
             yield (*[0.0] * n_inputs, *weights), name, unit
+
+
+def _others(placed: PlacedEffect, structure: Structure) -> list[int]:
+    """Return the inputs that may act where the simulator has none of them: other signals than its own drive.
+
+    They are the measured channels that it does not use. Where it has several drives each may pull at the
+    others' axes too, and their gains may follow each other, as where they share a supply.
+    """
+    channels = structure.channels
+    if structure.inputs.shape[1] - channels.size < 2:
+        return channels.tolist()
+    if placed.port.kind == "input":
+        return list(range(structure.inputs.shape[1]))
+    if placed.effect.argument == "none":
+        return np.flatnonzero(~structure.inputs[placed.port.index]).tolist()
+    return channels.tolist()
 
 
 def _neighbours(i: int, simulator: Simulator, structure: Structure):

@@ -88,9 +88,10 @@ class Effect:
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
     second : {None, "input", "channel", "drive", "feed"}
-        Second argument: every input; every measured channel that the simulator does not use; or what else
-        drives the state equation, each in turn: nothing in particular (NaN), its inputs, its neighbours. A
-        feed is nothing (NaN), or an input of the state equation that stands in the argument's place.
+        Second argument: every input; every measured channel that the simulator does not use (and, where it
+        has several drives, those of other axes); or what else drives the state equation, each in turn:
+        nothing in particular (NaN), its inputs, its neighbours. A feed is nothing (NaN), or an input of the
+        state equation that stands in the argument's place.
     amplitude : int or None
         Index of the parameter that scales the whole effect; None when no parameter does.
     levels : tuple of int
