@@ -207,6 +207,9 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
         DataFinding("clipped_output", ""),
     )
     found = [units, clipped]
-    near, far = (y + share * y.std() for share in (0.5, 0.7))  # 0.25 and 0.49 of the variance
-    assert still_standing(found, problem, near) == [clipped]
-    assert still_standing(found, problem, far) == found
+    nearer, near, far = (y + share * y.std() for share in (0.4, 0.5, 0.7))  # 0.16, 0.25, 0.49 of the variance
+    assert still_standing(found, problem, near, near) == [clipped]
+    assert still_standing(found, problem, far, far) == found
+    # an effect must leave far less
+    assert still_standing(found, problem, far, near) == found
+    assert still_standing(found, problem, far, nearer) == [clipped]

@@ -245,7 +245,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
         measured = np.where(spikes, np.nan, measured)
         diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
-        self.data_findings_ = still_standing(self.data_findings_, diagnosis.problem, diagnosis.base_run.y)
+        self.data_findings_ = still_standing(
+            self.data_findings_,
+            diagnosis.problem,
+            diagnosis.base_run.y,
+            diagnosis.problem.run(diagnosis.best.fit.model).y,
+        )
         diagnosis = self._with_its_steps(diagnosis)
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
