@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.pulse import gradients_by_force
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
 from tests.small_machines import levels
 
@@ -195,14 +196,29 @@ def hardened():
     return u, y + 0.01 * y.std() * np.random.default_rng(1).normal(size=y.shape)
 
 
-def test_a_spring_that_hardens_is_named_and_placed(hardened):
-    u, y = hardened
+@pytest.fixture(scope="module")
+def diagnosed(hardened):
     effects = ["cubic_stiffness", "coulomb_friction", "quadratic_drag", "input_saturation"]
-    dx = DiscrepancyRegressor(make(), effects=effects).fit(u, y)
-    (finding,) = dx.findings_
-    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "cubic_stiffness", "state:1")
+    return DiscrepancyRegressor(make(), effects=effects).fit(*hardened)
+
+
+def test_a_spring_that_hardens_is_named_and_placed(hardened, diagnosed):
+    _, y = hardened
+    (finding,) = diagnosed.findings_
+    assert (diagnosed.verdict_, finding.effect, finding.port) == ("explained", "cubic_stiffness", "state:1")
     assert finding.parameters["k3"] == pytest.approx(900.0, rel=0.05)
     noise = 0.01 * y.std() / y[1200:].std()  # where it is scored, from a state that noise hides
-    assert dx.scores_["nrmse"]["augmented"] < 1.15 * noise
-    best = dx.location_.ports.iloc[0]
+    assert diagnosed.scores_.loc["augmented", "nrmse"] < 1.15 * noise
+    best = diagnosed.location_.ports.iloc[0]
     assert (best["kind"], best["index"]) == ("state", 1)
+
+
+def test_a_narx_model_of_it_reads_the_present_input(hardened, diagnosed):
+    u = 0.5 * hardened[0]
+    y = diagnosed.simulator_.simulate(u)
+
+    def missed(model):
+        return np.std(free_run(model, u, y[:2]).y[10:] - y[10:]) / np.std(y)
+
+    assert missed(diagnosed.to_narx(u)) < 0.05
+    assert missed(diagnosed.to_narx(u, delay=1)) > 0.9  # the drive jumps, and pushes at once

@@ -60,6 +60,7 @@ from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 SECOND_LOOK = 0.25  # of alpha
+LOOKED_AT = 16  # samples of a run
 MOST_RIVALS = 4  # explanations that one experiment is asked to separate
 STEPS_EXPLAIN = 0.5  # of what effects do: finer steps may be all that is missing
 
@@ -391,8 +392,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         X : array-like of shape (n_samples, n_inputs)
             Inputs that reach what the model is to know.
         **settings
-            Parameters of :class:`NARXRegressor`; two lags of output and input and the regressors of the
-            effects found by default.
+            Parameters of :class:`NARXRegressor`. By default two lags of output and input or as many as there
+            are states, the present input where the output shows it at once, and the regressors of the
+            effects found.
 
         Returns
         -------
@@ -406,7 +408,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         u = read_inputs(X, self.simulator_)
         lasting = self.simulator_.with_effects([e for e in self.simulator_.effects if not e.passes])
-        y = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states)))).y
+        run = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states))))
+        y = run.y
         lost = ~np.isfinite(y).all(axis=1)
         if lost.any():
             raise ValueError(
@@ -416,7 +419,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 "reference as its input."
             )
         order = max(2, len(lasting.states))
-        known = {"output_lags": order, "input_lags": order, "degree": 3} | settings
+        delays = [0 if shown else 1 for shown in _shown_at_once(lasting, run.x, u)]
+        known = {
+            "output_lags": order,
+            "input_lags": order,
+            "degree": 3,
+            "delay": delays if len(delays) > 1 else delays[0],
+        } | settings
         if "phi" not in settings:
             known["phi"] = effect_regressors(lasting)
         return NARXRegressor(**known).fit(u, y[:, 0] if y.shape[1] == 1 else y).model_
@@ -693,6 +702,19 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+
+
+def _shown_at_once(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Tell which inputs, (n_inputs,), the outputs show within their sample, along a run with states ``x``."""
+    first = np.unique(np.linspace(0, len(u) - 1, LOOKED_AT).astype(np.int64))
+    windows = Windows(first, first + 1, np.ones(first.size, dtype=bool), np.zeros(first.size, dtype=np.int64))
+    shown = np.zeros(u.shape[1], dtype=bool)
+    for j, spread in enumerate(np.std(u, axis=0)):
+        moved = u.copy()
+        moved[:, j] += spread if spread > 0 else 1.0
+        before, after = (simulator.run(inputs, windows, x[first]).y[first] for inputs in (u, moved))
+        shown[j] = bool((before != after).any())
+    return shown
 
 
 def _way_in(given) -> str:
