@@ -1,6 +1,6 @@
 """Machines that nothing in the package was made with, and what is missing from their simulations."""
 
-from machines import drives, electric, process, vehicles
+from machines import drives, electric, process, sensed, vehicles
 
 # what is missing, "" for nothing and "unknown" for what the catalogue does not hold
 TRIALS = {
@@ -17,6 +17,8 @@ TRIALS = {
     drives.pendulum: ("coulomb_friction", "gravity", "extra_mode", ""),
     drives.mirror: ("cubic_stiffness", "quadratic_stiffness", "coulomb_friction", "creep", ""),
     drives.piezo: ("prandtl_ishlinskii",),
+    drives.cart_with_pole: ("coulomb_friction", "dead_zone", "sensor_bias", ""),
+    drives.table_of_two_axes: ("coupling", "temperature_gain", ""),
     process.hydraulic_cylinder: ("dead_zone", "input_saturation", "input_polynomial"),
     process.pneumatic_cylinder: ("dead_zone", "stribeck_friction", "asymmetric_friction", ""),
     process.tank: ("root_outflow",),
@@ -24,8 +26,13 @@ TRIALS = {
     process.heat_exchanger: ("delay", "lag", "coupling", ""),
     process.room: ("extra_mode", "coupling", "unknown", ""),
     process.flow_loop: ("valve_stiction", "backlash", "quantisation", ""),
+    process.greenhouse: ("temperature_gain", "coupling", ""),
+    process.canal: ("root_outflow", "constant_load", "overflow", ""),
     electric.battery: ("additive_drift", "sensor_clip"),
     electric.converter: ("dead_zone", "quantisation", "unknown", ""),
     electric.loudspeaker: ("quadratic_stiffness", "cubic_stiffness", "unknown", ""),
     electric.levitated_ball: ("lag", "constant_load", ""),
+    sensed.shaker: ("cubic_stiffness", "input_saturation", "clearance", ""),
+    sensed.slide: ("coulomb_friction", "cubic_stiffness", "lag", ""),
+    sensed.two_masses: ("coulomb_friction", "cubic_stiffness", ""),
 }

@@ -1,4 +1,4 @@
-"""A crane, motors, a turbine, a robot's arm, a belt, a pendulum, a mirror, a piezo stage."""
+"""A crane, motors, a turbine, a robot's arm, a belt, pendulums, a mirror, a piezo stage, a table."""
 
 import numpy as np
 from numba import njit
@@ -275,3 +275,66 @@ def mirror(rng, missing: str) -> Trial:
         "inputs": ["drive [V]"],
     }
     return Trial(named(missing), u, y, simulation)
+
+
+def cart_with_pole(rng, missing: str) -> Trial:
+    """A pole that a cart balances: unstable, and recorded in the loop that holds it up."""
+    dt = 0.02
+    dry = 1.0 if missing == "coulomb_friction" else 0.0
+    zone = 0.8 if missing == "dead_zone" else 0.0
+    tilt = 0.03 if missing == "sensor_bias" else 0.0
+
+    @njit
+    def rates(x, u):
+        force = u[0] - min(max(u[0], -zone), zone) - dry * np.tanh(x[1] / 0.002) - 0.5 * x[1]
+        s, c = np.sin(x[2]), np.cos(x[2])
+        along = (force + 0.2 * s * (0.4 * x[3] ** 2 - 9.81 * c)) / (1.0 + 0.2 * s * s)
+        return x[1], along, x[3], (9.81 * s - along * c) / 0.4 - 0.05 * x[3]
+
+    def nominal(x, u, p):
+        s, c = np.sin(x[2]), np.cos(x[2])
+        along = (u[0] - p[1] * x[1] + p[2] * s * (p[3] * x[3] ** 2 - 9.81 * c)) / (p[0] + p[2] * s * s)
+        return x[1], along, x[3], (9.81 * s - along * c) / p[3] - 0.05 * x[3]
+
+    @njit
+    def control(x, wanted):
+        return (4.0 * (x[0] - wanted[0]) + 5.5 * x[1] + 45.0 * (x[2] + tilt) + 9.0 * x[3] + wanted[1],)
+
+    wanted = np.column_stack([steps(rng, 150, -0.5, 0.5), 2.0 * rng.standard_normal(N)])
+    u, x = in_loop(rates, control, wanted, dt, [0.0] * 4)
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"cart [kg]": 1.1, "damping [kg/s]": 0.4, "pole [kg]": 0.22, "length [m]": 0.42},
+        "states": ["cart [m]", "cart rate [m/s]", "angle [rad]", "angle rate [rad/s]"],
+        "inputs": ["force [N]"],
+        "output": (0, 2),
+    }
+    return Trial(named(missing), u, x[:, [0, 2]] + [0.0, tilt], simulation)
+
+
+def table_of_two_axes(rng, missing: str) -> Trial:
+    """Each axis has its motor; one pulls at the other axis too, or the two share a supply that sags."""
+    dt = 0.01
+    pull = 0.12 if missing == "coupling" else 0.0
+    sag = 0.06 if missing == "temperature_gain" else 0.0
+
+    @njit
+    def rates(x, u):
+        first = u[0] * (1.0 - sag * u[1]) - 2.0 * x[1] - 30.0 * x[0]
+        return x[1], first, x[3], 0.8 * u[1] + pull * u[0] - 1.5 * x[3] - 20.0 * x[2]
+
+    def nominal(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0], x[3], p[3] * u[1] - p[4] * x[3] - p[5] * x[2]
+
+    u = np.column_stack([steps(rng, 18, -3.0, 3.0), steps(rng, 23, -3.0, 3.0)])
+    names = ("gain x", "damping x", "stiffness x", "gain y", "damping y", "stiffness y")
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": dict(zip(names, (1.1, 1.8, 28.0, 0.9, 1.3, 22.0), strict=True)),
+        "states": ["x [m]", "x rate [m/s]", "y [m]", "y rate [m/s]"],
+        "inputs": ["motor x [V]", "motor y [V]"],
+        "output": (0, 2),
+    }
+    return Trial(named(missing), u, machine(rates, u, dt, [0.0] * 4)[:, [0, 2]], simulation)

@@ -1,4 +1,4 @@
-"""Cylinders, tanks, heat: a hydraulic and a pneumatic one, a tank, an oven, an exchanger, a room, a flow."""
+"""Cylinders of oil and air, a tank, a canal, a flow, an oven, an exchanger, a room, a greenhouse."""
 
 import numpy as np
 from numba import njit
@@ -201,3 +201,63 @@ def flow_loop(rng, missing: str) -> Trial:
         "inputs": ["valve [%]"],
     }
     return Trial(named(missing), u, y, simulation)
+
+
+def greenhouse(rng, missing: str) -> Trial:
+    """Air and floor; the heater's gain may follow the weather, or the sun shine on the air too."""
+    dt = 60.0
+    warmer = 0.03 if missing == "temperature_gain" else 0.0
+    shining = 2.0 if missing == "coupling" else 0.0
+    day = np.arange(N) * dt / 86_400 * 2 * np.pi
+    sun = np.clip(np.sin(day), 0.0, None) * 600.0 + 60.0 * rng.random(N)
+    outdoors = 8.0 + 6.0 * np.sin(day - 0.6) + 0.05 * np.cumsum(rng.standard_normal(N))
+    u = np.column_stack([steps(rng, 45, 0.0, 10.0), outdoors, sun])
+
+    @njit
+    def rates(x, u):
+        heat = 1000.0 * u[0] * (1.0 + warmer * (u[1] - 8.0)) + shining * u[2]
+        return (heat - 250.0 * (x[0] - u[1]) - 80.0 * (x[0] - x[1])) / 4e5, 80.0 * (x[0] - x[1]) / 3e6
+
+    def nominal(x, u, p):
+        heat = p[0] * u[0] - p[1] * (x[0] - u[1])
+        return (heat - p[2] * (x[0] - x[1])) / 4e5, p[2] * (x[0] - x[1]) / 3e6
+
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"heater [W/kW]": 900.0, "loss [W/K]": 280.0, "floor [W/K]": 95.0},
+        "states": ["air [degC]", "floor [degC]"],
+        "inputs": ["heating [kW]", "outdoors [degC]", "sun [W/m^2]"],
+    }
+    return Trial(named(missing), u, machine(rates, u, dt, [12.0, 11.0])[:, :1], simulation)
+
+
+def canal(rng, missing: str) -> Trial:
+    """A gate between two pools; the lower one drains over a weir, both are measured."""
+    dt = 30.0
+    power = 1.5 if missing == "root_outflow" else 1.0
+    leak = 0.05 if missing == "constant_load" else 0.0
+    rim = 1.55 if missing == "overflow" else np.inf
+
+    @njit
+    def rates(x, u):
+        passing = 1.6 * u[1] * np.sqrt(max(x[0], 0.0))
+        rising = (u[0] - passing - leak) / 800.0
+        if x[0] >= rim:
+            rising = min(rising, 0.0)
+        return rising, (passing - 1.1 * max(x[1], 0.0) ** power) / 1100.0
+
+    def nominal(x, u, p):
+        passing = p[0] * u[1] * np.sqrt(max(x[0], 0.0))
+        return (u[0] - passing) / p[1], (passing - p[2] * x[1]) / p[3]
+
+    u = np.column_stack([steps(rng, 60, 0.4, 1.2), steps(rng, 37, 0.35, 0.65)])
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"gate": 1.5, "upper [m^2]": 900.0, "weir [m^2/s]": 1.0, "lower [m^2]": 1000.0},
+        "states": ["upper [m]", "lower [m]"],
+        "inputs": ["inflow [m^3/s]", "gate [m]"],
+        "output": (0, 1),
+    }
+    return Trial(named(missing), u, machine(rates, u, dt, [1.2, 0.9]), simulation)
