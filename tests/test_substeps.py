@@ -29,7 +29,7 @@ def make(pace, emptying, substeps):
     )
 
 
-def recorded(pace, n=1600):
+def recorded(pace, n=1000):
     rng = np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1, 1, n // 8), 8)[:, None]
     y = make(pace, 1.0, 20).simulate(u)

@@ -33,7 +33,7 @@ from narx_sklearn.discrepancy.lookalikes import is_special_case
 from narx_sklearn.discrepancy.nested import farthest_allowed
 from narx_sklearn.discrepancy.placed import Port, in_short
 from narx_sklearn.discrepancy.record import read_inputs, read_record
-from narx_sklearn.discrepancy.regressors import effect_regressors
+from narx_sklearn.discrepancy.regressors import effect_regressors, least_delays
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.settings import Settings
@@ -60,7 +60,6 @@ from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 SECOND_LOOK = 0.25  # of alpha
-LOOKED_AT = 16  # samples of a run
 MOST_RIVALS = 4  # explanations that one experiment is asked to separate
 STEPS_EXPLAIN = 0.5  # of what effects do: finer steps may be all that is missing
 
@@ -419,7 +418,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 "reference as its input."
             )
         order = max(2, len(lasting.states))
-        delays = [0 if shown else 1 for shown in _shown_at_once(lasting, run.x, u)]
+        delays = least_delays(lasting, run.x, u)
         known = {
             "output_lags": order,
             "input_lags": order,
@@ -702,19 +701,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _tell(self, stage: str) -> None:
         if self.verbose:
             print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
-
-
-def _shown_at_once(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Tell which inputs, (n_inputs,), the outputs show within their sample, along a run with states ``x``."""
-    first = np.unique(np.linspace(0, len(u) - 1, LOOKED_AT).astype(np.int64))
-    windows = Windows(first, first + 1, np.ones(first.size, dtype=bool), np.zeros(first.size, dtype=np.int64))
-    shown = np.zeros(u.shape[1], dtype=bool)
-    for j, spread in enumerate(np.std(u, axis=0)):
-        moved = u.copy()
-        moved[:, j] += spread if spread > 0 else 1.0
-        before, after = (simulator.run(inputs, windows, x[first]).y[first] for inputs in (u, moved))
-        shown[j] = bool((before != after).any())
-    return shown
 
 
 def _way_in(given) -> str:

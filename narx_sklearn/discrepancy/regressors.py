@@ -1,9 +1,11 @@
-"""The regressors that a NARX model needs to hold the effects of a simulator."""
+"""What a NARX model needs to hold a simulator: the regressors of its effects, and how late inputs show."""
 
 import numpy as np
 
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.model.phi import Phi
+
+LOOKED_AT = 16  # samples of a run
 
 
 def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
@@ -24,3 +26,24 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
         for phi in placed.effect.phi(np.array(placed.theta), signal, simulator.dt):
             found.setdefault(str(phi.name), phi)
     return tuple(found.values())
+
+
+def least_delays(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> list[int]:
+    """Return the delay of each input: 0 where the outputs show it within its sample, else 1.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples, n_states)
+        States of a run.
+    u : ndarray of shape (n_samples, n_inputs)
+        Its inputs.
+    """
+    first = np.unique(np.linspace(0, len(u) - 1, LOOKED_AT).astype(np.int64))
+    windows = Windows(first, first + 1, np.ones(first.size, dtype=bool), np.zeros(first.size, dtype=np.int64))
+    delays = []
+    for j, spread in enumerate(np.std(u, axis=0)):
+        moved = u.copy()
+        moved[:, j] += spread if spread > 0 else 1.0
+        before, after = (simulator.run(inputs, windows, x[first]).y[first] for inputs in (u, moved))
+        delays.append(0 if (before != after).any() else 1)
+    return delays
