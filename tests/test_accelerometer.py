@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from small_machines import levels
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.followed import response
@@ -17,7 +18,6 @@ from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
-from tests.small_machines import levels
 
 DT = 0.02
 NOMINAL = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 60.0}

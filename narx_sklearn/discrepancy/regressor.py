@@ -500,7 +500,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _with_its_steps(self, diagnosis: Diagnosis) -> Diagnosis:
         """Return a diagnosis that names no physics for the error of its simulation's steps, and tell it."""
         problem, refitted, best = diagnosis.problem, diagnosis.refitted.model, diagnosis.best.fit.model
-        before, after = (too_coarse(problem, model) for model in (refitted, best))
+        before = too_coarse(problem, refitted)
+        after = too_coarse(problem, best) if diagnosis.best.effects else before
         worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share, default=None)
         if worse is not None:
             self.data_findings_.append(coarse_steps(problem.simulator, worse))
