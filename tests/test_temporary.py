@@ -10,14 +10,15 @@ import pytest
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import diagnosis, temporary
 from narx_sklearn.discrepancy.acting import correction
+from narx_sklearn.discrepancy.as_narx import effect_regressors
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.coloured_search import coloured_search
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.regressors import effect_regressors
 from narx_sklearn.discrepancy.results import Finding
+from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.stretches import Stretches
@@ -170,7 +171,8 @@ def test_models_and_experiments_take_what_lasts(found):
     assert not model.phi
     error = free_run(model, u, plain[:2]).y[10:, 0] - plain[10:, 0]
     assert np.std(error) < 0.02 * np.std(plain)
-    rivals = found._far_apart(found._rivals(["coulomb_friction", "viscous_damping"]), nested=set())
+    rivals = find_rivals(found._diagnosis, ["coulomb_friction", "viscous_damping"])
+    rivals = as_simulators(rivals, set(), found._diagnosis.problem)
     assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
 
 

@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import replace
-from itertools import permutations
 from numbers import Integral
 
 import numpy as np
@@ -15,12 +14,10 @@ from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import (
     as_signals,
     column_labels,
-    finite_rows,
-    finite_slices,
     session_slices,
 )
+from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.beginning import begin
-from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.checks import check_record, still_standing
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
@@ -29,18 +26,16 @@ from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.judgement import UNEXPLAINED
 from narx_sklearn.discrepancy.location import locate
-from narx_sklearn.discrepancy.lookalikes import is_special_case
-from narx_sklearn.discrepancy.nested import farthest_allowed
-from narx_sklearn.discrepancy.placed import Port, in_short
-from narx_sklearn.discrepancy.record import read_inputs, read_record
-from narx_sklearn.discrepancy.regressors import effect_regressors, least_delays
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.record import Split, hold_out, pieces_of, read_inputs, read_record
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
+from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
-from narx_sklearn.discrepancy.substeps import coarse_steps, explained_by_finer, too_coarse
+from narx_sklearn.discrepancy.substeps import mind_steps
 from narx_sklearn.discrepancy.temporary import DRIFTS, only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
@@ -55,13 +50,10 @@ from narx_sklearn.discrepancy.verify import (
     squared_errors,
     within_reach,
 )
-from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 SECOND_LOOK = 0.25  # of alpha
-MOST_RIVALS = 4  # explanations that one experiment is asked to separate
-STEPS_EXPLAIN = 0.5  # of what effects do: finer steps may be all that is missing
 
 
 class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
@@ -251,7 +243,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             diagnosis.base_run.y,
             diagnosis.problem.run(diagnosis.best.fit.model).y,
         )
-        diagnosis = self._with_its_steps(diagnosis)
+        diagnosis, of_steps = mind_steps(diagnosis, self.n_jobs)
+        self.data_findings_ += of_steps
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
@@ -259,7 +252,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.feature_names_in_ = np.array(labels, dtype=object)
         self._mean_input = np.nanmean(u, axis=0)
         self._middle_input = middle_of(u)
-        self._store(diagnosis, u, measured, self._split(u, sessions)[1])
+        self._store(diagnosis, u, measured, self._split(u, sessions).held_out)
         return self
 
     def predict(self, X, y_init=None, sessions=None):
@@ -308,7 +301,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         u, measured = read_record(X, y, self.simulator_)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
-        for piece, began in within_reach(self._pieces(u, sessions), n_init, self._diagnosis.followed_for):
+        for piece, began in within_reach(pieces_of(u, sessions), n_init, self._diagnosis.followed_for):
             if piece.stop - piece.start <= n_init + 1:
                 continue
             y_piece = measured[piece]
@@ -358,17 +351,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             If fewer than two explanations are at hand, or no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
-        chosen = self._rivals(between)
-        nested = {
-            (general, special)
-            for general, special in permutations(chosen, 2)
-            if is_special_case(chosen[special], chosen[general])
-        }
+        rivals = find_rivals(self._diagnosis, between)
+        nested = nested_pairs(rivals)
         held = self._mean_input.copy()
         if offset is None:
             offset = self._middle_input[column]
         return design_experiment(
-            self._far_apart(chosen, nested),
+            as_simulators(rivals, nested, self._diagnosis.problem),
             noise=self._diagnosis.problem.noise,
             amplitude=amplitude,
             n_samples=n_samples,
@@ -405,77 +394,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             If the corrected simulation leaves the finite range on these inputs.
         """
         check_is_fitted(self)
-        u = read_inputs(X, self.simulator_)
-        lasting = self.simulator_.with_effects([e for e in self.simulator_.effects if not e.passes])
-        run = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states))))
-        y = run.y
-        lost = ~np.isfinite(y).all(axis=1)
-        if lost.any():
-            raise ValueError(
-                "From rest the corrected simulation leaves the finite range at sample "
-                f"{int(np.argmax(lost))} of {len(u)}, so a NARX model cannot be identified from it. Pass "
-                "inputs under which it stays; an unstable simulator needs its controller in it, with the "
-                "reference as its input."
-            )
-        order = max(2, len(lasting.states))
-        delays = least_delays(lasting, run.x, u)
-        known = {
-            "output_lags": order,
-            "input_lags": order,
-            "degree": 3,
-            "delay": delays if len(delays) > 1 else delays[0],
-        } | settings
-        if "phi" not in settings:
-            known["phi"] = effect_regressors(lasting)
-        return NARXRegressor(**known).fit(u, y[:, 0] if y.shape[1] == 1 else y).model_
-
-    def _rivals(self, between) -> dict[str, Candidate]:
-        """Return rival explanations by name."""
-        pool = [self._diagnosis.best, *(c for rivals in self._diagnosis.alternatives for c in rivals)]
-        tried = [c for step in self._diagnosis.steps for c in step.candidates]
-        wanted = min(max(len(pool), 2), MOST_RIVALS)
-        if between is not None:
-            pool = []
-            for code in between:
-                having = [c for c in tried if code in {e.effect.code for e in c.effects}]
-                if not having:
-                    raise ValueError(
-                        f"{code!r} was not among the explanations fitted: "
-                        f"{sorted({e.effect.code for c in tried for e in c.effects})}."
-                    )
-                pool.append(min(having, key=lambda c: c.criterion))
-        if between is None:
-            pool = [*pool, *sorted(tried, key=lambda c: c.criterion)]
-        chosen: dict[str, Candidate] = {}
-        for candidate in pool:
-            chosen.setdefault(in_short(candidate.effects) or "nothing", candidate)
-            if len(chosen) == (MOST_RIVALS if between else wanted):
-                break
-        if len(chosen) < 2:
-            raise ValueError(
-                "There is only one explanation, so no experiment is needed to separate it from others. Pass "
-                "between=[...] with two codes, or see confusability() for a design before any data."
-            )
-        return chosen
-
-    def _far_apart(self, chosen: dict[str, Candidate], nested: set[tuple[str, str]]) -> dict[str, Simulator]:
-        """Return rival simulators, each as far from its likeliest special case as the data allow."""
-        problem = self._diagnosis.problem
-        rivals = {}
-        for name, candidate in chosen.items():
-            model = candidate.fit.model
-            held = [chosen[special] for general, special in nested if general == name]
-            if held:
-                model = farthest_allowed(problem, candidate, min(held, key=lambda c: c.criterion))
-            effects = [effect.always() for effect in model.effects]
-            rivals[name] = problem.simulator.with_parameters(model.p).with_effects(effects)
-        return rivals
+        return identify_narx(self.simulator_, read_inputs(X, self.simulator_), **settings)
 
     # -- parts of fit ------------------------------------------------------------------------------------
 
     def _spikes(self, simulator: Simulator, u, y, sessions, settings: Settings) -> np.ndarray:
         """Tell which samples, (n_samples, n_outputs), are no measurements."""
-        pieces = self._pieces(u, sessions)
+        pieces = pieces_of(u, sessions)
 
         def left_by_refit() -> np.ndarray:
             problem, refitted, *_ = begin(simulator, u, y, pieces, settings)
@@ -493,23 +418,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._tell("a second look, at the samples held out")
         self._late_only = True
         settings = replace(settings, alpha=SECOND_LOOK * settings.alpha)
-        second = diagnose(simulator, u, y, self._split(u, sessions)[0], settings)
+        second = diagnose(simulator, u, y, self._split(u, sessions).fitting, settings)
         self._late_only = second.verdict not in NOTHING_MISSING
         return second if self._late_only else first
-
-    def _with_its_steps(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Return a diagnosis that names no physics for the error of its simulation's steps, and tell it."""
-        problem, refitted, best = diagnosis.problem, diagnosis.refitted.model, diagnosis.best.fit.model
-        before = too_coarse(problem, refitted)
-        after = too_coarse(problem, best) if diagnosis.best.effects else before
-        worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share, default=None)
-        if worse is not None:
-            self.data_findings_.append(coarse_steps(problem.simulator, worse))
-        if before is None or diagnosis.verdict in NOTHING_MISSING:
-            return diagnosis
-        if not explained_by_finer(problem, refitted, best, self.n_jobs) > STEPS_EXPLAIN:
-            return diagnosis
-        return replace(diagnosis, verdict="unknown", steps_miss=True)
 
     @property
     def _nearest(self) -> int:
@@ -550,28 +461,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             raise ValueError("No effect is left to look for; exclude fewer, or pass effects='catalogue'.")
         return tuple(chosen)
 
-    def _pieces(self, u, sessions) -> list[tuple[slice, int]]:
-        found = []
-        finite = finite_rows(u)
-        for session in session_slices(sessions, len(u)):
-            found += [(piece, session.start) for piece in finite_slices([session], finite)]
-        return found
-
-    def _split(self, u, sessions):
-        """Return fitting and held-out pieces, each with the first sample of its session.
-
-        Held out are the ends, or the beginnings where something shows at the ends only.
-        """
-        fitting, held_out = [], []
-        for piece, session in self._pieces(u, sessions):
-            n_out = round(self.test_fraction * (piece.stop - piece.start))
-            edge = piece.start + n_out if self._late_only else piece.stop - n_out
-            parts = slice(piece.start, edge), slice(edge, piece.stop)
-            kept, out = reversed(parts) if self._late_only else parts
-            fitting.append((kept, session))
-            if n_out > 1:
-                held_out.append((out, session))
-        return fitting, held_out
+    def _split(self, u, sessions) -> Split:
+        """Hold out the ends of the pieces, or the beginnings where something shows at the ends only."""
+        return hold_out(pieces_of(u, sessions), self.test_fraction, beginnings=self._late_only)
 
     def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
         self._diagnosis = diagnosis

@@ -7,12 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.checks import DataFinding
+from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.ode import ODESimulator
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.simulator import Simulator
 
 FINER = 4  # times as many steps, to compare with
+EXPLAINING = 0.5  # of what effects do: finer steps may be all that is missing
 NOTICEABLE = 0.3  # of the noise, which is a tenth more of error beside it
 
 
@@ -22,6 +25,20 @@ class Coarse(NamedTuple):
     output: int  # the one they move most, against its noise
     share: float  # root mean square, of that output's noise
     error: float  # the same in the output's unit
+
+
+def mind_steps(diagnosis: Diagnosis, n_jobs: int | None = None) -> tuple[Diagnosis, list[DataFinding]]:
+    """Return a diagnosis that names no physics for the error of its simulation's steps, and what tells it."""
+    problem, refitted, best = diagnosis.problem, diagnosis.refitted.model, diagnosis.best.fit.model
+    before = too_coarse(problem, refitted)
+    after = too_coarse(problem, best) if diagnosis.best.effects else before
+    worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share, default=None)
+    told = [] if worse is None else [coarse_steps(problem.simulator, worse)]
+    if before is None or diagnosis.verdict in NOTHING_MISSING:
+        return diagnosis, told
+    if not explained_by_finer(problem, refitted, best, n_jobs) > EXPLAINING:
+        return diagnosis, told
+    return replace(diagnosis, verdict="unknown", steps_miss=True), told
 
 
 def too_coarse(problem: Problem, model: Model) -> Coarse | None:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
-from narx_sklearn.discrepancy.record import read_inputs
+from narx_sklearn.discrepancy.record import pieces_of, read_inputs
 from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,
@@ -105,7 +105,7 @@ class BeforeAfterDisplay:
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")
         runs = {name: np.full(len(u), np.nan) for name in simulators}
-        for piece, began in estimator._pieces(u, sessions):
+        for piece, began in pieces_of(u, sessions):
             n_init = min(estimator._n_init, (piece.stop - piece.start) // 2)
             scored = slice(piece.start + n_init, piece.stop)
             for name, simulator in simulators.items():

@@ -86,7 +86,7 @@ def gather(dx, X, y, sessions=None) -> Material:
 
 def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
     found = []
-    for rows, began in dx._split(u, sessions)[1]:
+    for rows, began in dx._split(u, sessions).held_out:
         n_init = min(dx._n_init, (rows.stop - rows.start) // 2)
         if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
             continue

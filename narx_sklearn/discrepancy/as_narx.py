@@ -1,11 +1,51 @@
-"""What a NARX model needs to hold a simulator: the regressors of its effects, and how late inputs show."""
+"""A NARX model of a simulator: the regressors of its effects, how late its inputs show."""
 
 import numpy as np
 
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.identification import NARXRegressor
+from narx_sklearn.model import NARXModel
 from narx_sklearn.model.phi import Phi
 
 LOOKED_AT = 16  # samples of a run
+
+
+def identify_narx(simulator: Simulator, u: np.ndarray, **settings) -> NARXModel:
+    """Identify a NARX model of a simulator from its own run, without what acts for a while only.
+
+    Parameters
+    ----------
+    u : ndarray of shape (n_samples, n_inputs)
+        Inputs that reach what the model is to know.
+    **settings
+        Parameters of :class:`NARXRegressor`, in the place of what the simulator tells.
+
+    Raises
+    ------
+    ValueError
+        If the simulation leaves the finite range on these inputs.
+    """
+    lasting = simulator.with_effects([e for e in simulator.effects if not e.passes])
+    run = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states))))
+    lost = ~np.isfinite(run.y).all(axis=1)
+    if lost.any():
+        raise ValueError(
+            "From rest the corrected simulation leaves the finite range at sample "
+            f"{int(np.argmax(lost))} of {len(u)}, so a NARX model cannot be identified from it. Pass "
+            "inputs under which it stays; an unstable simulator needs its controller in it, with the "
+            "reference as its input."
+        )
+    order = max(2, len(lasting.states))
+    delays = least_delays(lasting, run.x, u)
+    known = {
+        "output_lags": order,
+        "input_lags": order,
+        "degree": 3,
+        "delay": delays if len(delays) > 1 else delays[0],
+        "phi": effect_regressors(lasting),
+    }
+    y = run.y[:, 0] if run.y.shape[1] == 1 else run.y
+    return NARXRegressor(**(known | settings)).fit(u, y).model_
 
 
 def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
