@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from copy import copy
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from sklearn.base import clone
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
 from narx_sklearn import DiscrepancyRegressor, NARXModel, NARXRegressor, ODESimulator
+from narx_sklearn.discrepancy.report_text import what_adds_up
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
@@ -114,6 +116,17 @@ class TestHeldOut:
         spread = np.std(y[held.start :])
         np.testing.assert_allclose(dx.scores_["nrmse"] * spread, dx.scores_["rmse"], rtol=1e-6)
         assert dx.scores_.loc["augmented", "rmse"] > 0.9 * 0.02 * y.std()
+
+    def test_a_free_run_that_leaves_far_more_than_the_windows_of_the_fit_is_told(self, cubic):
+        assert "add up" not in cubic[0].report_
+        dx = copy(cubic[0])
+        in_windows = np.sqrt(np.mean(dx._diagnosis.problem.left_over(dx._diagnosis.best.fit.model) ** 2))
+        dx.scores_ = dx.scores_ * 10
+        told = what_adds_up(dx)
+        for number in (in_windows, dx.scores_.loc["augmented", "rmse"]):
+            assert f"{number:.2g} m" in told
+        dx.simulator_ = dx.refitted_simulator_
+        assert not what_adds_up(dx)
 
     def test_a_record_too_short_to_hold_anything_out_says_so(self):
         u, y, _ = record("cubic_stiffness", n=60)

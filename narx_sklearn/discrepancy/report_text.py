@@ -4,6 +4,8 @@ import numpy as np
 
 from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
 
+ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
+
 
 def report_text(dx) -> str:
     """Return the report of a fitted DiscrepancyRegressor as plain text."""
@@ -95,6 +97,29 @@ def what_is_left(dx) -> str:
     return " ".join(words)
 
 
+def what_adds_up(dx) -> str:
+    """Return how much more a whole held-out run leaves than the windows of the fit; empty where not much."""
+    if dx.scores_.empty or not dx.simulator_.effects:
+        return ""
+    problem = dx._diagnosis.problem
+    left = problem.left_over(dx._diagnosis.best.fit.model)
+    in_windows = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(problem.seen.sum(axis=(0, 1)), 1))
+    whole = dx.scores_.filter(regex="^rmse").loc["augmented"].to_numpy(dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.nan_to_num(whole / in_windows, posinf=0.0)
+    worst = int(np.argmax(times))
+    if not times[worst] > ADDS_UP:
+        return ""
+    signal, windows = problem.simulator.outputs[worst], problem.windows
+    length = problem.simulator.dt * np.median(windows.last - windows.first)
+    unit = f" {signal.unit}" if signal.unit not in {"", "-"} else ""
+    return (
+        f"There the corrected simulation leaves {whole[worst]:.2g}{unit} of {signal.name}, in the windows of "
+        f"{length:.3g} s that were fitted {in_windows[worst]:.2g}{unit}: over a whole run small errors add "
+        "up, or something slow is missing."
+    )
+
+
 def _parameters(dx) -> list[str]:
     if dx.parameters_.empty:
         return []
@@ -121,6 +146,8 @@ def _scores(dx) -> list[str]:
             f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
             f"{100 * row['nrmse_high']:.3g} %)"
         )
+    if adding_up := what_adds_up(dx):
+        lines.append(f"   {adding_up}")
     if dx._late_only:
         lines.append("   What is missing shows near the end only, so the beginning was held out instead.")
     if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
