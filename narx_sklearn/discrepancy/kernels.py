@@ -258,6 +258,105 @@ def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
 
 
 @njit(nogil=True, inline="always")
+def _keep_to(edges, equation, x, u, p, h, raw, rates, sides):
+    """Change rates wherever a switch is within reach of a step."""
+    switches, authority, width = edges
+    for e in range(switches.shape[0]):
+        distance = _dot(switches, e, x)
+        if abs(distance) <= h * (abs(_dot(switches, e, rates)) + NEAR * authority[e]):
+            _settle(equation, x, u, p, _row(switches, e), distance, width[e], h, raw, rates, sides)
+
+
+@njit(nogil=True, inline="always")
+def _is_parted(x, slope, settled, edges, weights, sticks, share, h):
+    """Return whether a switch, or what a force that sticks acts on, may turn about within a step."""
+    switches, authority, _ = edges
+    parted = False
+    for e in range(switches.shape[0]):
+        signal, rate = _dot(switches, e, x), _dot(switches, e, _row(slope, 0))
+        parted = parted or _turns(signal, rate, authority[e], h)
+    for e in range(sticks.size):
+        if sticks[e] and share[e] != 0.0:
+            signal, rate = _dot(weights, e, x), _dot(weights, e, _row(slope, 0))
+            parted = parted or _turns(signal, rate, _dot(weights, e, settled), h)
+    return parted
+
+
+@njit(nogil=True, inline="always")
+def _force(effects, e, row, argument, rate, own, other, time, step):
+    """Return the force of an effect, which writes a row of dz."""
+    addresses, theta, z, dz = effects
+    memory, values, written = _row_pointer(z, e), _row_pointer(theta, e), _row_pointer(dz, row)
+    return _force_at(addresses[e])(argument, rate, own, other, time, step, memory, values, written)
+
+
+@njit(nogil=True, inline="always")
+def _gain_through(equation, x, u, p, channel, weights, e, rates, pushed):
+    """Return by how much more an effect's argument changes per unit of an input."""
+    entered = u[channel]
+    nudge = PUSH * (1.0 + abs(entered))
+    u[channel] = entered + nudge
+    _write(equation, x, u, p, pushed)
+    u[channel] = entered
+    gain = 0.0
+    for i in range(x.size):
+        gain += weights[e, i] * (pushed[i] - rates[i]) / nudge
+    return gain
+
+
+@njit(nogil=True, inline="always")
+def _push_through(equation, x, u, p, channel, force, rates, pushed, slope, r):
+    """Add to the rates of a stage what a force beside an input makes of them."""
+    entered = u[channel]
+    u[channel] = entered + force
+    _write(equation, x, u, p, pushed)
+    u[channel] = entered
+    for i in range(x.size):
+        slope[r, i] += pushed[i] - rates[i]
+
+
+@njit(nogil=True, inline="always")
+def _inside_step(on, h, before, slope, x, moving):
+    """Write the states a share of a step on, and with their rates: the stages make a cubic there.
+
+    Hairer, Norsett and Wanner 1993, II.6.
+    """
+    outer, inner = on * on * (2 * on / 3 - 0.5), on * on * (1 - 2 * on / 3)
+    for i in range(x.size):
+        mean = outer * slope[3, i] + (on - on * on + outer) * slope[0, i]
+        mean += inner * (slope[1, i] + slope[2, i])
+        x[i] = before[i] + h * mean
+        moving[i] = x[i]
+        mean = (2 * on - 1) * (on * slope[3, i] + (on - 1) * slope[0, i])
+        moving[x.size + i] = mean + 2 * on * (1 - on) * (slope[1, i] + slope[2, i])
+
+
+@njit(nogil=True, inline="always")
+def _with_rates(x, slope, r, moving):
+    """Write states and, after them, their rates."""
+    for i in range(x.size):
+        moving[i] = x[i]
+        moving[x.size + i] = slope[r, i]
+
+
+@njit(nogil=True, inline="always")
+def _observe(output, x, u, p, observed, out, k):
+    """Write the outputs at sample k."""
+    _write(output, x, u, p, observed)
+    for i in range(observed.size):
+        out[k, i] = observed[i]
+
+
+@njit(nogil=True, inline="always")
+def _remember(z, e, count, dz, h):
+    """Move the memory of an effect on by a step, from its rates at the four stages."""
+    for j in range(count):
+        first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
+        second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
+        z[e, j] += h / 6.0 * (first_half + second_half)
+
+
+@njit(nogil=True, inline="always")
 def _write_inputs(ahead, k, has_next, u, tilt, linear_hold, now):
     """Write the inputs a share of a step after sample k; as they are where they are constant in between."""
     if linear_hold and has_next:
@@ -338,12 +437,13 @@ def _simulate_windows(
     """
     # owners of what inlined helpers are handed would be counted in every branch; what is borrowed has none
     weights, seconds, theta, switches, p, u, tilt = _borrowed((weights, seconds, theta, switches, p, u, tilt))
+    addresses, sticks, authority, width = _borrowed((force_addresses, sticks, authority, width))
+    y_out, middle_out, end_out = _borrowed((y_out, middle_out, end_out))
     equation = _equation_at(equation_address)
     output = _equation_at(output_address)
     n_states = x0.shape[1]
-    n_inputs = u.shape[1]
     n_outputs = y_out.shape[1]
-    owned = (
+    of_motion = (
         np.empty(n_states),
         np.empty(n_states),
         np.empty((4, n_states)),
@@ -352,28 +452,29 @@ def _simulate_windows(
         np.empty(n_states),
         np.empty((3, n_states)),
         np.empty(n_states),
-        np.empty(n_inputs),
+        np.empty(u.shape[1]),
         np.empty(n_outputs),
         np.empty(2 * n_states),
+    )
+    of_effects = (
+        np.zeros(MAX_EFFECTS),
+        np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS * 4, MAX_MEMORY)),  # row 4 e + r: effect e at stage r
     )
-    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving, z_stage, dz = _borrowed(
-        owned
-    )
-    share = np.zeros(MAX_EFFECTS)
-    z = np.zeros((MAX_EFFECTS, MAX_MEMORY))
-    entered = 0.0
+    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving = _borrowed(of_motion)
+    share, z, z_stage, dz = _borrowed(of_effects)
+    effects, edges = (addresses, theta, z_stage, dz), (switches, authority, width)
     wants_middle = middle_out.shape[0] > 0
     failed = -1
     is_map = special is not None and discrete
     n_stages = 1 if is_map else 4
-    n_switches = 0 if special is None else switches.shape[0]
-    unsettled = nominal if n_switches > 0 else settled
-    watched = n_switches > 0
+    has_switches = special is not None and switches.shape[0] > 0
+    unsettled = nominal if has_switches else settled
+    may_part = has_switches
     for e in range(n_forces):
-        watched = watched or sticks[e]
-    watched = watched and not is_map
+        may_part = may_part or sticks[e]
+    may_part = may_part and not is_map
     for w in range(first.size):
         if fresh[w]:
             z[:] = 0.0
@@ -381,7 +482,7 @@ def _simulate_windows(
             x[i] = x0[w, i]
         broken = False
         for k in range(first[w], last[w]):
-            for i in range(n_inputs):
+            for i in range(now.size):
                 now[i] = u[k, i]
             _write_inputs(0.0, k, k + 1 < last[w], u, tilt, linear_hold, now)
             for i in range(n_states):
@@ -401,9 +502,7 @@ def _simulate_windows(
                         y_out[rest, i] = np.nan
                 break
             if not sees_rates:
-                _write(output, x, now, p, observed)
-                for i in range(n_outputs):
-                    y_out[k, i] = observed[i]
+                _observe(output, x, now, p, observed, y_out, k)
             for s in range(substeps):
                 parts, part = 1, 0
                 h = dt / substeps
@@ -426,25 +525,10 @@ def _simulate_windows(
                                     z_stage[e, j] += step * dz[4 * e + r - 1, j]
                         _write_inputs((reached + step) / dt, k, k + 1 < last[w], u, tilt, linear_hold, now)
                         _write(equation, stage, now, p, settled)
-                        if n_switches > 0:
+                        if has_switches:
                             for i in range(n_states):
                                 nominal[i] = settled[i]
-                        for e in range(n_switches):
-                            distance = _dot(switches, e, stage)
-                            if abs(distance) <= h * (abs(_dot(switches, e, settled)) + NEAR * authority[e]):
-                                _settle(
-                                    equation,
-                                    stage,
-                                    now,
-                                    p,
-                                    _row(switches, e),
-                                    distance,
-                                    width[e],
-                                    h,
-                                    nominal,
-                                    settled,
-                                    sides,
-                                )
+                            _keep_to(edges, equation, stage, now, p, h, nominal, settled, sides)
                         for i in range(n_states):
                             slope[r, i] = settled[i]
                         time = since + reached + step
@@ -468,14 +552,9 @@ def _simulate_windows(
                                     within = dt  # a memory lives in time
                                 gain = answer[e]
                                 if through[e] >= 0:
-                                    entered = now[through[e]]
-                                    nudge = PUSH * (1.0 + abs(entered))
-                                    now[through[e]] = entered + nudge
-                                    _write(equation, stage, now, p, pushed)
-                                    now[through[e]] = entered
-                                    gain = 0.0
-                                    for i in range(n_states):
-                                        gain += weights[e, i] * (pushed[i] - unsettled[i]) / nudge
+                                    gain = _gain_through(
+                                        equation, stage, now, p, through[e], weights, e, unsettled, pushed
+                                    )
                                 if gain > 0.0:  # a force of a rate; else its argument is a position
                                     own = 0.0
                                     for i in range(n_states):
@@ -489,51 +568,28 @@ def _simulate_windows(
                                     # in a step has come since, the other half is still to come
                                     own *= 0.5
                                     argument += own * dt
-                            force = _force_at(force_addresses[e])(
-                                argument,
-                                rate,
-                                own,
-                                other,
-                                time,
-                                within,
-                                _row_pointer(z_stage, e),
-                                _row_pointer(theta, e),
-                                _row_pointer(dz, 4 * e + r),
-                            )
+                            row = 4 * e + r
+                            force = _force(effects, e, row, argument, rate, own, other, time, within)
                             force = _shared(force, share[e])
                             if special is not None and inertial[e]:
                                 force *= dt * dt
                             if special is not None and through[e] >= 0:
-                                now[through[e]] = entered + force
-                                _write(equation, stage, now, p, pushed)
-                                now[through[e]] = entered
-                                for i in range(n_states):
-                                    slope[r, i] += pushed[i] - unsettled[i]
+                                _push_through(
+                                    equation, stage, now, p, through[e], force, unsettled, pushed, slope, r
+                                )
                             else:
                                 slope[r, port[e]] += force
                             if onward[e] >= 0:
                                 slope[r, onward[e]] -= theta[e, SPILL] * force
-                        if r == 0 and parts == 1 and watched:
-                            near = False
-                            for e in range(n_switches):
-                                signal, rate = _dot(switches, e, x), _dot(switches, e, _row(slope, 0))
-                                near = near or _turns(signal, rate, authority[e], h)
-                            for e in range(n_forces):
-                                if sticks[e] and share[e] != 0.0:
-                                    signal, rate = _dot(weights, e, x), _dot(weights, e, _row(slope, 0))
-                                    near = near or _turns(signal, rate, _dot(weights, e, settled), h)
-                            if near:
-                                parts = FINER
-                                h /= FINER
-                                force_step = h
-                                continue
+                        watched = r == 0 and parts == 1 and may_part
+                        if watched and _is_parted(x, slope, settled, edges, weights, sticks, share, h):
+                            parts = FINER
+                            h /= FINER
+                            force_step = h
+                            continue
                         if sees_rates and r == 0 and part == 0 and s == 0:
-                            for i in range(n_states):
-                                moving[i] = x[i]
-                                moving[n_states + i] = slope[0, i]
-                            _write(output, moving, now, p, observed)
-                            for i in range(n_outputs):
-                                y_out[k, i] = observed[i]
+                            _with_rates(x, slope, 0, moving)
+                            _observe(output, moving, now, p, observed, y_out, k)
                         r += 1
                     if is_map:
                         for i in range(n_states):
@@ -547,45 +603,20 @@ def _simulate_windows(
                         argument, rate = _moved(weights, e, before, x, h)
                         other = _weighed(_row(seconds, e), now, before)
                         own = (x[port[e]] - before[port[e]]) / force_step
-                        time = since + reached
-                        force = _force_at(force_addresses[e])(
-                            argument,
-                            rate,
-                            own,
-                            other,
-                            time,
-                            force_step,
-                            _row_pointer(z_stage, e),
-                            _row_pointer(theta, e),
-                            _row_pointer(dz, 4 * e),
-                        )
+                        time, row = since + reached, 4 * e
+                        force = _force(effects, e, row, argument, rate, own, other, time, force_step)
                         force = _shared(force, share[e] * force_step)
                         x[port[e]] += force
                         if onward[e] >= 0:
                             x[onward[e]] -= theta[e, SPILL] * force
                     if wants_middle and reached < dt * (0.5 + CLOSE) and reached + h > dt * (0.5 + CLOSE):
-                        # within a step the stages make a cubic (Hairer, Norsett and Wanner 1993, II.6)
-                        on = max(0.5 * dt - reached, 0.0) / h
-                        outer, inner = on * on * (2 * on / 3 - 0.5), on * on * (1 - 2 * on / 3)
-                        for i in range(n_states):
-                            mean = outer * slope[3, i] + (on - on * on + outer) * slope[0, i]
-                            mean += inner * (slope[1, i] + slope[2, i])
-                            stage[i] = before[i] + h * mean
-                            moving[i] = stage[i]
-                            mean = (2 * on - 1) * (on * slope[3, i] + (on - 1) * slope[0, i])
-                            moving[n_states + i] = mean + 2 * on * (1 - on) * (slope[1, i] + slope[2, i])
+                        _inside_step(max(0.5 * dt - reached, 0.0) / h, h, before, slope, stage, moving)
                         _write_inputs(0.5, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _write(output, moving if sees_rates else stage, now, p, observed)
-                        for i in range(n_outputs):
-                            middle_out[k, i] = observed[i]
+                        _observe(output, moving if sees_rates else stage, now, p, observed, middle_out, k)
                     if wants_middle and s == substeps - 1 and part == parts - 1:
-                        for i in range(n_states):
-                            moving[i] = x[i]
-                            moving[n_states + i] = slope[3, i]
+                        _with_rates(x, slope, 3, moving)
                         _write_inputs(1.0, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _write(output, moving if sees_rates else x, now, p, observed)
-                        for i in range(n_outputs):
-                            end_out[k, i] = observed[i]
+                        _observe(output, moving if sees_rates else x, now, p, observed, end_out, k)
                     for e in range(n_forces):
                         if is_map and memory[e] > 0 and not jumps[e]:
                             # a memory goes on between the samples, while what it depends on moves evenly
@@ -599,26 +630,16 @@ def _simulate_windows(
                                 step = 0.0 if r == 0 else (0.5 * dt if r < 3 else dt)
                                 for j in range(memory[e]):
                                     z_stage[e, j] = z[e, j] + (step * dz[4 * e + r - 1, j] if r > 0 else 0.0)
-                                _force_at(force_addresses[e])(
-                                    argument + step * rate,
-                                    rate,
-                                    own,
-                                    other,
-                                    since + step,
-                                    dt,
-                                    _row_pointer(z_stage, e),
-                                    _row_pointer(theta, e),
-                                    _row_pointer(dz, 4 * e + r),
-                                )
-                        for j in range(memory[e]):
-                            if jumps[e]:
+                                moved, time, row = argument + step * rate, since + step, 4 * e + r
+                                _force(effects, e, row, moved, rate, own, other, time, dt)
+                        if jumps[e]:
+                            for j in range(memory[e]):
                                 z[e, j] = dz[4 * e, j]
-                            else:
-                                first_half = dz[4 * e, j] + 2 * dz[4 * e + 1, j]
-                                second_half = 2 * dz[4 * e + 2, j] + dz[4 * e + 3, j]
-                                z[e, j] += h / 6.0 * (first_half + second_half)
+                        else:
+                            _remember(z, e, memory[e], dz, h)
                     part += 1
-    _keep(owned)
+    _keep(of_motion)
+    _keep(of_effects)
     return failed
 
 
