@@ -116,72 +116,88 @@ def fit(
     # through a coarse sensor each window could choose among states that differ in rounding alone
     least = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
     damping, converged, gained = 1e-3, False, 0.0
-    run = problem.run(model)
-    x_steps = state_scale(problem, model, run)
-    residual = problem.residual(run)
-    cost = _cost(residual)
+    now = _attempt(problem, model)
+    x_steps = state_scale(problem, model, now.run)
     done = 0
 
     def tangents() -> Tangents:
-        steps = difference_steps(model, bounds, scale_q)
-        projector = Projector.of(_finite(problem.states_sensitivity(model, run, x_steps, n_jobs)))
-        J = _finite(problem.parameter_sensitivity(model, run, steps, n_jobs))
+        steps = difference_steps(now.model, bounds, scale_q)
+        projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
+        J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
         return Tangents(steps, projector, J, projector(J))
 
     steps, projector, J_full, J = tangents()
     while True:
-        r = projector(_finite(residual))
-        if done >= iterations or converged or not np.isfinite(cost):
+        r = projector(_finite(now.residual))
+        if done >= iterations or converged or not np.isfinite(now.cost):
             break
         done += 1
-        q = model.q
+        q = now.model.q
         columns = J.reshape(-1, n_q)
         gradient = columns.T @ r.ravel()
         movable = free & ~((q <= bounds[:, 0]) & (gradient < 0)) & ~((q >= bounds[:, 1]) & (gradient > 0))
         hessian = columns.T @ columns
-        diagonal = np.diag(hessian).copy()
-        movable &= diagonal > 0
-        index = np.flatnonzero(movable)
-        previous = cost
+        felt = np.maximum(np.sqrt(np.diag(hessian)), least_felt)
+        movable &= np.diag(hessian) > 0
+        previous = now.cost
         for attempt in range(2 * GIVE_UP):
             if attempt == GIVE_UP:
                 damping = 1e-3
-            move = np.zeros(n_q)
-            if index.size:
-                size = np.maximum(np.sqrt(diagonal), least_felt)[index]
-                normal = hessian[np.ix_(index, index)] / np.outer(size, size)
-                normal[np.diag_indices_from(normal)] += damping
-                move[index] = np.linalg.solve(normal, gradient[index] / size) / size
-            promised = cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
-            if promised <= NOTHING * tolerance * cost:
+            move = _damped_step(hessian, gradient, movable, felt, damping)
+            promised = now.cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
+            if promised <= NOTHING * tolerance * now.cost:
                 break
             target = np.clip(q + move, bounds[:, 0], bounds[:, 1])
-            x0 = model.x0.copy()
-            left = residual - J_full @ (target - q)
+            x0 = now.model.x0.copy()
+            left = now.residual - J_full @ (target - q)
             x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
-            trial = _attempt(problem, model.with_q(target)._replace(x0=x0))
-            if attempt >= GIVE_UP and not trial.cost < cost:
-                # where friction holds or turns about, a state's sensitivity says little of a whole step, and
-                # none is longer than the motion goes
-                for share in SHARES:
-                    worse = ~(_by_window(trial.residual) <= _by_window(residual) - least)
-                    if not worse.any():
-                        break
-                    moved = model.x0 + share * np.clip(x0 - model.x0, -x_steps / SMALL, x_steps / SMALL)
-                    moved = np.where(worse[:, None], moved, trial.model.x0)
-                    trial = _attempt(problem, trial.model._replace(x0=moved))
-            if trial.cost < cost:
-                model, run, residual, cost = trial
+            trial = _attempt(problem, now.model.with_q(target)._replace(x0=x0))
+            if attempt >= GIVE_UP and not trial.cost < now.cost:
+                trial = _windows_apart(problem, now, trial, x_steps / SMALL, least)
+            if trial.cost < now.cost:
+                now = trial
                 damping = max(damping / 9, 1e-9)
                 break
             damping = max(damping * 6, 1e-6)
-        gained = (previous - cost) / previous if cost < previous else 0.0
+        gained = (previous - now.cost) / previous if now.cost < previous else 0.0
         converged = gained <= tolerance
         if not (rough and (done >= iterations or converged)):
             steps, projector, J_full, J = tangents()
-    order = model.rising
-    model = model.with_q(model.q[order])
-    return Fit(model, cost, r, J[:, :, order], projector, steps[order], converged, done, gained)
+    order = now.model.rising
+    model = now.model.with_q(now.model.q[order])
+    return Fit(model, now.cost, r, J[:, :, order], projector, steps[order], converged, done, gained)
+
+
+def _damped_step(
+    hessian: np.ndarray, gradient: np.ndarray, movable: np.ndarray, felt: np.ndarray, damping: float
+) -> np.ndarray:
+    """Return the Levenberg-Marquardt step of the global parameters, zero for those that may not move."""
+    move = np.zeros(gradient.size)
+    index = np.flatnonzero(movable)
+    if index.size:
+        size = felt[index]
+        normal = hessian[np.ix_(index, index)] / np.outer(size, size)
+        normal[np.diag_indices_from(normal)] += damping
+        move[index] = np.linalg.solve(normal, gradient[index] / size) / size
+    return move
+
+
+def _windows_apart(
+    problem: Problem, now: Attempt, trial: Attempt, farthest: np.ndarray, least: float
+) -> Attempt:
+    """Return an attempt whose windows take a share of their states' step only, where a whole one is worse.
+
+    Where friction holds or turns about, a state's sensitivity says little of a whole step, and none is longer
+    than the motion goes.
+    """
+    step = np.clip(trial.model.x0 - now.model.x0, -farthest, farthest)
+    for share in SHARES:
+        worse = ~(_by_window(trial.residual) <= _by_window(now.residual) - least)
+        if not worse.any():
+            break
+        x0 = np.where(worse[:, None], now.model.x0 + share * step, trial.model.x0)
+        trial = _attempt(problem, trial.model._replace(x0=x0))
+    return trial
 
 
 def fit_states(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Fit:
