@@ -173,6 +173,18 @@ def test_no_place_beside_an_input_that_drives_one_equation():
     assert beside("coulomb_friction", make(), road()) == []
 
 
+def test_a_speed_without_a_position_moves_with_others_too():
+    def wheel_on_a_pendulum(x, u, p):
+        torque = p[0] * u[0] - p[1] * x[2]
+        return x[1], (-0.9 * np.sin(x[0]) - torque) / 0.02, torque / 2.5e-4
+
+    for unit, found in (("rad/s", {(Port("state", 2), 0)}), ("bar", set())):
+        made = {"states": ["angle [rad]", "rate [rad/s]", f"wheel [{unit}]"], "inputs": ["torque [N m]"]}
+        simulator = ODESimulator(wheel_on_a_pendulum, dt=0.01, parameters={"a": 1.0, "b": 1e-5}, **made)
+        placed = beside("coulomb_friction", simulator, 0.01 * road())
+        assert {(p.port, p.through) for p in placed} == found
+
+
 def test_dry_friction_beside_an_input_holds_all_that_hangs_on_it():
     simulator, u = make_crane(), 10 * road() / 0.05
     (friction,) = beside("coulomb_friction", simulator, u)

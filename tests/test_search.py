@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy import confirm, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
-from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders
+from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Problem
@@ -72,6 +72,30 @@ class TestByWeight:
             "gain_drift",
         ]
         assert [effect.effect.code for effect in found.effects] == ["gain_drift", "rate_limit"]
+
+
+class TestIdle:
+    def load(self, size):
+        weights = (0.0, 1.0)
+        return PlacedEffect(
+            CATALOGUE["constant_load"], Port("state", 1), weights, theta=(size,), argument_name="velocity"
+        )
+
+    def test_what_does_nothing_in_a_set_leaves_it(self):
+        problem, start = axis_problem([friction(0.3)])
+        alone = fit(problem, start._replace(effects=(friction(0.3),)))
+        both = alone.model._replace(effects=(self.load(0.0), *alone.model.effects))
+        found = Candidate(fit(problem, both, iterations=0), problem.n_seen)
+        (alone,) = without_idle(problem, found)
+        assert [effect.effect.code for effect in alone.effects] == ["coulomb_friction"]
+        assert alone.criterion < found.criterion
+        assert alone.fit.cost == pytest.approx(found.fit.cost)
+
+    def test_what_does_something_stays(self):
+        problem, start = axis_problem([friction(0.3), self.load(0.2)])
+        both = (self.load(0.2), friction(0.3))
+        found = Candidate(fit(problem, start._replace(effects=both)), problem.n_seen)
+        assert without_idle(problem, found) == []
 
 
 class TestRateLimit:

@@ -286,7 +286,7 @@ def search(
             pool += found
         pool.sort(key=lambda c: c.criterion)
         if pool and pool[0].effects[:-1]:
-            pool += without_each(problem, pool[0])
+            pool += without_each(problem, pool[0]) + without_idle(problem, pool[0])
             pool.sort(key=lambda c: c.criterion)
         if not pool or pool[0].criterion >= beam[0].criterion:
             break
@@ -321,6 +321,21 @@ def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=No
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     """Return the set fitted without each of its members but the last."""
     return [_without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
+
+
+def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
+    """Return the set fitted without the members that do nothing in it; none where all do something.
+
+    What a fit reached with their help the others may not have found alone.
+    """
+    model = candidate.fit.model
+    idle = []
+    for effect in candidate.effects:
+        others = tuple(e for e in candidate.effects if e is not effect)
+        alone = Candidate(fit(problem, model._replace(effects=others), iterations=0), candidate.n_samples)
+        if alone.criterion <= candidate.criterion:
+            idle.append(effect)
+    return [_without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
 
 
 def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> tuple[int, ...]:

@@ -131,7 +131,8 @@ def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Struct
     Where bodies move together, a force on one of them turns up in the equations of all, as an input does.
     """
     i = placed.port.index
-    if simulator.discrete or structure.partner[i] < 0 or placed.effect.after or placed.effect.onward:
+    is_speed = structure.partner[i] >= 0 or simulator.states[i].unit.endswith("/s")
+    if simulator.discrete or not is_speed or placed.effect.after or placed.effect.onward:
         return
     if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1:
         return
