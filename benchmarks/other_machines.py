@@ -2,7 +2,7 @@
 
     python benchmarks/other_machines.py [--only quarter_car] [--seed 0] [--noise 0.01] [--jobs 2]
 
-Thirty-one machines with their own units and time scales, from a piezo stage to a greenhouse, some of them
+Thirty-six machines with their own units and time scales, from a piezo stage to a greenhouse, some of them
 in loops, two unstable. All parameters of the simulations are 5 to 20 % wrong; the noise is white. The
 machines are stepped by Heun's method at a fortieth of the sampling period and share no code with the
 package. Held-out errors are those of the last fifth, over the recording's spread.

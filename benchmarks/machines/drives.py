@@ -338,3 +338,35 @@ def table_of_two_axes(rng, missing: str) -> Trial:
         "output": (0, 2),
     }
     return Trial(named(missing), u, machine(rates, u, dt, [0.0] * 4)[:, [0, 2]], simulation)
+
+
+def reaction_wheel(rng, missing: str) -> Trial:
+    """A wheel on a pendulum pushes it by speeding up; what brakes the wheel pushes the pendulum too."""
+    dt = 0.01
+    dry = 0.004 if missing == "coulomb_friction" else 0.0
+    most = 0.03 if missing == "input_saturation" else np.inf
+
+    @njit
+    def rates(x, u):
+        torque = min(max(u[0], -most), most) - dry * np.tanh(x[2] / 0.05) - 1e-5 * x[2]
+        return x[1], (-0.9 * np.sin(x[0]) - 0.006 * x[1] - torque) / 0.02, torque / 2.5e-4
+
+    def nominal(x, u, p):
+        torque = p[0] * u[0] - p[1] * x[2]
+        return x[1], (-p[2] * np.sin(x[0]) - p[3] * x[1] - torque) / 0.02, torque / 2.5e-4
+
+    u = wave(rng, dt, 0.1, 3.0, 0.06)[:, None]
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {
+            "gain [-]": 1.1,
+            "drag [N m s]": 1.2e-5,
+            "weight [N m]": 0.85,
+            "damping [N m s]": 0.007,
+        },
+        "states": ["angle [rad]", "rate [rad/s]", "wheel [rad/s]"],
+        "inputs": ["torque [N m]"],
+        "output": (0, 2),
+    }
+    return Trial(named(missing), u, machine(rates, u, dt, [0.0] * 3)[:, [0, 2]], simulation)

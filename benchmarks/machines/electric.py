@@ -1,4 +1,4 @@
-"""A battery, a converter, a loudspeaker, a ball that a magnet holds."""
+"""A battery, a converter, a loudspeaker, a solenoid, a ball that a magnet holds."""
 
 import numpy as np
 from numba import njit
@@ -133,3 +133,37 @@ def levitated_ball(rng, missing: str) -> Trial:
         "inputs": ["current [A]"],
     }
     return Trial(named(missing), u, x[:, :1], simulation)
+
+
+def solenoid(rng, missing: str) -> Trial:
+    """A coil pulls an armature against a spring, the less the wider its gap; a stop may end its travel."""
+    dt = 2e-4
+    stop = 1.4e-3 if missing == "clearance" else np.inf
+    dry = 0.6 if missing == "coulomb_friction" else 0.0
+
+    @njit
+    def rates(x, u):
+        pull = 3.0 * x[2] ** 2 / (1.0 + x[0] / 2e-3) ** 2
+        held = 2.0 * x[1] + 1500.0 * x[0] + 6e4 * max(x[0] - stop, 0.0) + dry * np.tanh(x[1] / 1e-3)
+        return x[1], (pull - held) / 0.02, (u[0] - 4.0 * x[2]) / 0.01
+
+    def nominal(x, u, p):
+        pull = p[0] * x[2] ** 2 / (1.0 + x[0] / 2e-3) ** 2
+        return x[1], (pull - p[1] * x[1] - p[2] * x[0]) / 0.02, (u[0] - p[3] * x[2]) / p[4]
+
+    u = steps(rng, 80, 0.0, 6.0)[:, None]
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {
+            "pull [N/A^2]": 2.7,
+            "damping [N s/m]": 2.3,
+            "spring [N/m]": 1600.0,
+            "R [ohm]": 4.4,
+            "L [H]": 0.011,
+        },
+        "states": ["position [m]", "velocity [m/s]", "current [A]"],
+        "inputs": ["voltage [V]"],
+        "output": (0, 2),
+    }
+    return Trial(named(missing), u, machine(rates, u, dt, [0.0] * 3)[:, [0, 2]], simulation)

@@ -1,4 +1,4 @@
-"""Cylinders of oil and air, a tank, a canal, a flow, an oven, an exchanger, a room, a greenhouse."""
+"""Cylinders of oil and air, a tank, a canal, a flow, a vessel, a bioreactor, an oven, an exchanger, rooms."""
 
 import numpy as np
 from numba import njit
@@ -261,3 +261,60 @@ def canal(rng, missing: str) -> Trial:
         "output": (0, 1),
     }
     return Trial(named(missing), u, machine(rates, u, dt, [1.2, 0.9]), simulation)
+
+
+def pressure_vessel(rng, missing: str) -> Trial:
+    """Air is let in through a valve and out through an orifice; the gauge may follow late."""
+    dt = 0.05
+    leak = 0.12 if missing == "root_outflow" else 0.0
+    lap = 0.05 if missing == "dead_zone" else 0.0
+
+    @njit
+    def rates(x, u):
+        let_in = 0.8 * max(u[0] - lap, 0.0) * np.sqrt(max(8.0 - x[0], 0.0))
+        let_out = 0.15 * u[1] * np.sqrt(max(x[0] - 1.0, 0.0)) + leak * np.sqrt(max(x[0], 0.0))
+        return let_in - let_out, (x[0] - x[1]) / 0.4
+
+    def nominal(x, u, p):
+        let_in = p[0] * u[0] * np.sqrt(max(8.0 - x[0], 0.0))
+        return (let_in - p[1] * u[1] * np.sqrt(max(x[0] - 1.0, 1e-9)),)
+
+    u = np.column_stack([steps(rng, 40, 0.0, 0.5), steps(rng, 70, 0.5, 4.0)])
+    x = machine(rates, u, dt, [2.0, 2.0])
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"valve [bar^0.5/s]": 0.7, "orifice [bar^0.5/s]": 0.17},
+        "states": ["pressure [bar]"],
+        "inputs": ["valve [-]", "vent [-]"],
+    }
+    return Trial(named(missing), u, x[:, 1:] if missing == "lag" else x[:, :1], simulation)
+
+
+def bioreactor(rng, missing: str) -> Trial:
+    """Cells that live on sugar (Monod), fed and thinned by one pump; hours."""
+    dt = 0.1
+    most = 0.28 if missing == "input_saturation" else np.inf
+
+    @njit
+    def rates(x, u):
+        thinned, growth = min(u[0], most), 0.5 * x[1] / (0.4 + x[1]) * x[0]
+        return growth - thinned * x[0], thinned * (u[1] - x[1]) - growth / 0.45
+
+    def nominal(x, u, p):
+        growth = p[0] * x[1] / (p[1] + x[1]) * x[0]
+        return growth - u[0] * x[0], u[0] * (u[1] - x[1]) - growth / p[2]
+
+    u = np.column_stack([steps(rng, 60, 0.1, 0.35), steps(rng, 90, 8.0, 12.0)])
+    pumped = u.copy()
+    if missing == "delay":
+        pumped[3:, 0] = u[:-3, 0]
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"fastest growth [1/h]": 0.55, "half speed at [g/l]": 0.35, "yield [-]": 0.5},
+        "states": ["cells [g/l]", "sugar [g/l]"],
+        "inputs": ["dilution [1/h]", "feed [g/l]"],
+        "output": (0, 1),
+    }
+    return Trial(named(missing), u, machine(rates, pumped, dt, [4.0, 1.0]), simulation)

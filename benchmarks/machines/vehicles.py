@@ -1,4 +1,4 @@
-"""A suspension, an aircraft, a ship, a car, a rotor that hovers."""
+"""A suspension, an aircraft, a ship, cars, a rotor that hovers."""
 
 import numpy as np
 from numba import njit
@@ -167,3 +167,35 @@ def rotor(rng, missing: str) -> Trial:
         "inputs": ["throttle [V]"],
     }
     return Trial(named(missing), u[:, :1], x[:, :1], simulation)
+
+
+def car_in_its_lane(rng, missing: str) -> Trial:
+    """Offset and heading in a lane, kept by a loop whose servo steers."""
+    dt = 0.02
+    play = 0.008 if missing == "dead_zone" else 0.0
+    fastest = 0.15 if missing == "rate_limit" else np.inf
+
+    @njit
+    def rates(x, u):
+        told = u[0] - min(max(u[0], -play), play)
+        steered = min(max((told - x[2]) / 0.1, -fastest), fastest)
+        return 20.0 * np.sin(x[1]), 20.0 / 2.8 * np.tan(x[2]), steered
+
+    def nominal(x, u, p):
+        return p[0] * np.sin(x[1]), p[0] / p[1] * np.tan(x[2]), (u[0] - x[2]) / p[2]
+
+    @njit
+    def control(x, wanted):
+        told = 0.02 * (wanted[0] - x[0]) - 0.5 * x[1] - 0.1 * x[2]
+        return (min(max(told, -0.3), 0.3),)
+
+    u, x = in_loop(rates, control, steps(rng, 250, -1.5, 1.5)[:, None], dt, [0.0] * 3)
+    simulation = {
+        "function": nominal,
+        "dt": dt,
+        "parameters": {"speed [m/s]": 18.5, "wheelbase [m]": 3.1, "servo [s]": 0.12},
+        "states": ["offset [m]", "heading [rad]", "steering [rad]"],
+        "inputs": ["command [rad]"],
+        "output": (0, 1),
+    }
+    return Trial(named(missing), u, x[:, :2], simulation)
