@@ -328,13 +328,11 @@ def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
 
     What a fit reached with their help the others may not have found alone.
     """
-    model = candidate.fit.model
-    idle = []
-    for effect in candidate.effects:
-        others = tuple(e for e in candidate.effects if e is not effect)
-        alone = Candidate(fit(problem, model._replace(effects=others), iterations=0), candidate.n_samples)
-        if alone.criterion <= candidate.criterion:
-            idle.append(effect)
+    idle = [
+        effect
+        for effect in candidate.effects
+        if _without(problem, candidate, [effect], iterations=0).criterion <= candidate.criterion
+    ]
     return [_without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
 
 
@@ -366,8 +364,10 @@ def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] 
     return tuple(sorted(range(len(effects)), key=left, reverse=True))
 
 
-def _without(problem: Problem, candidate: Candidate, left_out: list[PlacedEffect]) -> Candidate:
+def _without(
+    problem: Problem, candidate: Candidate, left_out: list[PlacedEffect], *, iterations: int = FINE
+) -> Candidate:
     places = {effect.place for effect in left_out}
     effects = tuple(e for e in candidate.effects if e.place not in places)
-    reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=FINE)
+    reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=iterations)
     return Candidate(reduced, candidate.n_samples)

@@ -131,8 +131,9 @@ def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Struct
     Where bodies move together, a force on one of them turns up in the equations of all, as an input does.
     """
     i = placed.port.index
-    is_speed = structure.partner[i] >= 0 or simulator.states[i].unit.endswith("/s")
-    if simulator.discrete or not is_speed or placed.effect.after or placed.effect.onward:
+    if simulator.discrete or placed.effect.after or placed.effect.onward:
+        return
+    if not _is_speed(i, simulator, structure):
         return
     if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1:
         return
@@ -151,6 +152,11 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
             yield replace(placed_at(effect, Port("state", i), rate), inertial=True)
 
 
+def _is_speed(i: int, simulator: Simulator, structure: Structure) -> bool:
+    """Tell whether a state is one that another one integrates, or is counted per second."""
+    return structure.partner[i] >= 0 or simulator.states[i].unit.endswith("/s")
+
+
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
     """Tell whether an effect is of another kind of machine than a state equation.
 
@@ -158,7 +164,7 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) 
     A spring needs a position, which a speed alone does not have.
     """
     unit, has_position = simulator.states[i].unit, structure.partner[i] >= 0
-    moves = has_position or unit.endswith("/s") or not unit
+    moves = _is_speed(i, simulator, structure) or not unit
     lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
     slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS
     return (

@@ -67,8 +67,7 @@ def _what(dx) -> list[str]:
             lines.append(f"   {finding.equation}" + (f", {finding.argument}" if finding.argument else ""))
         for name, value in finding.parameters.items():
             low, high = finding.intervals[name]
-            unit = finding.units[name]
-            value_text = f"{value:.4g} {unit}" if unit != "-" else f"{value:.4g}"
+            value_text = _quantity(value, finding.units[name])
             lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")
         if finding.elsewhere:
             lines.append(f"   It fits as well {', or '.join(finding.elsewhere)}.")
@@ -112,12 +111,16 @@ def what_adds_up(dx) -> str:
         return ""
     signal, windows = problem.simulator.outputs[worst], problem.windows
     length = problem.simulator.dt * np.median(windows.last - windows.first)
-    unit = f" {signal.unit}" if signal.unit not in {"", "-"} else ""
+    there, here = (_quantity(size[worst], signal.unit, digits=2) for size in (whole, in_windows))
     return (
-        f"There the corrected simulation leaves {whole[worst]:.2g}{unit} of {signal.name}, in the windows of "
-        f"{length:.3g} s that were fitted {in_windows[worst]:.2g}{unit}: over a whole run small errors add "
-        "up, or something slow is missing."
+        f"There the corrected simulation leaves {there} of {signal.name}, in the windows of {length:.3g} s "
+        f"that were fitted {here}: over a whole run small errors add up, or something slow is missing."
     )
+
+
+def _quantity(value: float, unit: str, digits: int = 4) -> str:
+    """Return a value with its unit, where it has one."""
+    return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-"} else "")
 
 
 def _parameters(dx) -> list[str]:
