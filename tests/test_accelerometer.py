@@ -92,7 +92,7 @@ def test_what_sticks_is_not_accelerated_and_what_slides_is_braked():
 @pytest.mark.parametrize("output", [acceleration, written_out])
 def test_a_sensor_with_a_lag_follows_what_is_seen_within_the_steps(output):
     """Bends between samples, and jumps where the held drive does."""
-    lag = PlacedEffect(CATALOGUE["lag"], Port("output", 0), theta=(0.05, 0.0))
+    lag = PlacedEffect(CATALOGUE["lag"], Port("output", 0), theta=(0.05, 0.0, 0.0))
     coarse = make(output=output).with_effects([lag]).simulate(drive())
     fine = make(output=output, dt=DT / 20).with_effects([lag]).simulate(np.repeat(drive(), 20, axis=0))
     assert np.abs(coarse - fine[::20]).max() < 5e-4 * np.std(fine)

@@ -30,7 +30,12 @@ from narx_sklearn.physics.effects import (
     unregister_effect,
 )
 from narx_sklearn.physics.effects._clearance import _plays_run, _stiction_run
-from narx_sklearn.physics.effects._dynamics import _along_parabolas, _following_run, _held_lag_run
+from narx_sklearn.physics.effects._dynamics import (
+    _along_parabolas,
+    _digital_lag_run,
+    _following_run,
+    _held_lag_run,
+)
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
 from narx_sklearn.physics.effects._hysteresis import (
     N_PLAYS,
@@ -598,7 +603,8 @@ class TestTransforms:
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
             ("creep", [0.0, 1.0]),
             ("delay", [0.0, 0.0]),
-            ("lag", [0.0, 0.0]),
+            ("lag", [0.0, 0.0, 0.0]),
+            ("lag", [0.0, 0.0, 1.0]),
             ("extra_mode", [0.0, 10.0, 0.1]),
             ("quantisation", [0.0]),
             ("quantisation", [1e-9]),
@@ -624,7 +630,8 @@ class TestTransforms:
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0]),
             ("delay", [0.3, 0.0]),
-            ("lag", [0.3, 0.0]),
+            ("lag", [0.3, 0.0, 0.0]),
+            ("lag", [0.3, 0.0, 1.0]),
             ("extra_mode", [0.5, 10.0, 0.1]),
         ],
     )
@@ -730,21 +737,46 @@ class TestTransforms:
         np.testing.assert_allclose(late[5:], signal[:-5], atol=1e-12)
         np.testing.assert_allclose(late[:5], signal[0])
 
-    @pytest.mark.parametrize(("code", "theta"), [("delay", 5 * DT), ("lag", 0.3), ("rate_limit", 2.0)])
-    def test_what_follows_late_may_be_at_rest_at_zero_when_a_record_begins_with_a_step(self, code, theta):
+    @pytest.mark.parametrize(
+        ("code", "theta", "form"),
+        [("delay", 5 * DT, []), ("lag", 0.3, [0.0]), ("lag", 0.3, [1.0]), ("rate_limit", 2.0, [])],
+    )
+    def test_what_follows_late_may_be_at_rest_at_zero_when_a_record_begins_with_a_step(
+        self, code, theta, form
+    ):
         """As if a command of zero had gone before."""
         signal = 2.0 + wideband()
-        longer = transformed(code, np.concatenate([np.zeros(50), signal]), [theta, 0.0])
-        begun = transformed(code, signal, [theta, 1.0])
+        longer = transformed(code, np.concatenate([np.zeros(50), signal]), [theta, 0.0, *form])
+        begun = transformed(code, signal, [theta, 1.0, *form])
         # up to the ramp of one step that a straight line draws from the last zero to the first value
         np.testing.assert_allclose(begun, longer[50:], atol=0.02 * np.max(signal))
-        assert np.abs(transformed(code, signal, [theta, 0.0]) - longer[50:]).max() > 0.5
+        assert np.abs(transformed(code, signal, [theta, 0.0, *form]) - longer[50:]).max() > 0.5
 
     @pytest.mark.parametrize("T", [0.02, 0.3, 4.0])
     def test_a_lag_is_the_filter_it_says(self, T):
         signal = wideband() - wideband()[0]
         _, expected, _ = lsim(([1.0], [T, 1.0]), signal, np.arange(signal.size) * DT)
-        np.testing.assert_allclose(transformed("lag", signal, [T, 0.0]), expected, atol=1e-10)
+        np.testing.assert_allclose(transformed("lag", signal, [T, 0.0, 0.0]), expected, atol=1e-10)
+
+    @pytest.mark.parametrize("T", [0.02, 0.3, 4.0])
+    def test_a_lag_from_sample_to_sample_is_the_filter_it_says(self, T):
+        signal = wideband() - wideband()[0]
+        of_code = lfilter([1.0 - np.exp(-DT / T)], [1.0, -np.exp(-DT / T)], signal)
+        np.testing.assert_allclose(transformed("lag", signal, [T, 0.0, 1.0]), of_code, atol=1e-12)
+        of_parts = transformed("lag", signal, [T, 0.0, 0.0])
+        half = 0.5 * (of_code + of_parts)
+        np.testing.assert_allclose(transformed("lag", signal, [T, 0.0, 0.5]), half, atol=1e-12)
+
+    def test_a_lag_from_sample_to_sample_holds_in_between(self):
+        """What it reads within the steps changes nothing; what it made of a sample stays until the next."""
+        signal, middle, end = np.random.default_rng(5).normal(size=(3, 40))
+        lag, theta = CATALOGUE["lag"], [0.03, 0.4, 1.0]
+        made = lag.transform(signal, None, DT, theta, [0, 17])
+        for known in lag.curved(signal, middle, end, DT, theta, [0, 17]):
+            np.testing.assert_allclose(known, made, atol=1e-12)
+        mean, rise = lag.held(signal, DT, theta, [0, 17])
+        np.testing.assert_allclose(mean, made, atol=1e-12)
+        np.testing.assert_array_equal(rise, 0.0)
 
     @pytest.mark.parametrize(("w", "zeta"), [(3.0, 0.05), (20.0, 0.5), (1.0, 3.0)])
     def test_an_extra_mode_is_the_filter_it_says(self, w, zeta):
@@ -774,6 +806,7 @@ class TestTransforms:
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.8)),
             (_held_lag_run, (0.9, 0.3)),
+            (_digital_lag_run, (0.9, 0.3)),
             (_following_run, (*SWINGING, 0.3)),
         ],
     )
@@ -794,8 +827,8 @@ class TestTransforms:
         [
             ("delay", [0.013, 0.0]),
             ("delay", [0.207, 0.0]),
-            ("lag", [0.003, 0.0]),
-            ("lag", [0.4, 0.0]),
+            ("lag", [0.003, 0.0, 0.0]),
+            ("lag", [0.4, 0.0, 0.0]),
             ("extra_mode", [0.7, 60.0, 0.1]),
             ("extra_mode", [0.7, 2.0, 3.0]),
         ],
@@ -824,7 +857,7 @@ class TestTransforms:
         """A signal that is held from sample to sample."""
         held = (np.random.default_rng(5).normal(size=40),) * 3
         lag, delay, mode = (CATALOGUE[code].curved for code in ("lag", "delay", "extra_mode"))
-        begin, middle, end = lag(*held, DT, [0.03, 0.0], [0])
+        begin, middle, end = lag(*held, DT, [0.03, 0.0, 0.0], [0])
         np.testing.assert_allclose(end, held[0] + (begin - held[0]) * np.exp(-DT / 0.03), atol=1e-12)
         np.testing.assert_allclose(middle, held[0] + (begin - held[0]) * np.exp(-DT / 0.06), atol=1e-12)
         np.testing.assert_allclose(begin[1:], end[:-1], atol=1e-12)

@@ -47,7 +47,7 @@ def random_bank(seed=0):
         hypothesis("cubic_stiffness", [[2.0]], weights=(1.0, 0.0)),
         hypothesis("dead_zone", [[0.1, 0.0, 0.01], [0.3, 0.0, 0.01]], port=Port("input", 0), weights=()),
         hypothesis("constant_load", [[-0.5]], weights=()),
-        hypothesis("lag", [[0.1, 0.0], [1.0, 0.0], [2.0, 0.0]], port=Port("input", 0), weights=()),
+        hypothesis("lag", [[T, 0.0, 0.0] for T in (0.1, 1.0, 2.0)], port=Port("input", 0), weights=()),
     ]
     columns = rng.normal(size=(30, 8)) + 2.0 * rng.normal(size=(30, 1))
     return bank_of(hypotheses, columns, columns @ rng.normal(size=8) + rng.normal(size=30))

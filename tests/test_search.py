@@ -109,6 +109,23 @@ class TestRateLimit:
         assert Candidate(found, problem.n_seen).n_values == 3  # where it began has no price
 
 
+class TestLag:
+    def test_a_lag_of_code_is_told_from_one_of_parts_and_is_no_less_simple(self):
+        """Half a step lies between them: without it the time is off by a factor of nearly two."""
+        digital, delay = (
+            PlacedEffect(CATALOGUE[code], Port("output", 0), theta=theta, argument_name="position")
+            for code, theta in (("lag", (0.07, 0.0, 1.0)), ("delay", (0.07, 0.0)))
+        )
+        problem, start = axis_problem([digital])
+        found, late = (
+            Candidate(fit(problem, start._replace(effects=(effect.at(theta),))), problem.n_seen)
+            for effect, theta in ((digital, np.array([0.1, 0.0, 0.0])), (delay, np.array([0.05, 0.0])))
+        )
+        T, _, d = found.effects[0].theta
+        assert (T, d) == pytest.approx((0.07, 1.0), rel=0.02)
+        assert found.n_values == late.n_values
+
+
 class TestSearch:
     @pytest.fixture
     def found(self, monkeypatch):

@@ -33,8 +33,9 @@ class Candidate:
 
     @property
     def n_values(self) -> int:
-        """Number of global parameters, but for those that tell where a memory begins."""
-        return self.fit.model.q.size - sum(e.effect.begin is not None for e in self.effects)
+        """Number of global parameters, but for where a memory begins and in which form an effect is built."""
+        besides = [index for e in self.effects for index in (e.effect.begin, e.effect.form)]
+        return self.fit.model.q.size - sum(index is not None for index in besides)
 
     @property
     def n_parameters(self) -> int:

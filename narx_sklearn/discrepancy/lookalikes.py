@@ -167,12 +167,13 @@ def is_special_case(special: Candidate, general: Candidate) -> bool:
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
     """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted.
 
-    Where a record begins inside a loop is no matter of its shape.
+    Where a record begins inside a loop is no matter of its shape, nor is the form in which it is built.
     """
     effects, kind = candidate.effects, effect.effect
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
     own = candidate.fit.model.theirs[at]
-    fitted = [0 if kind.amplitude is None else kind.amplitude, *([] if kind.begin is None else [kind.begin])]
+    fitted = [0 if kind.amplitude is None else kind.amplitude]
+    fitted += [index for index in (kind.begin, kind.form) if index is not None]
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
     free[own] = False
     free[own.start + np.array(fitted)] = True

@@ -70,16 +70,16 @@ def _delay_held(signal, dt, theta, first):
 
 
 def _times(setting: Setting, shares) -> np.ndarray:
-    """Return shares of the signal's time scale, from half a sample to a fifth of the record; from rest."""
+    """Return shares of the signal's time scale, from half a sample to a fifth of the record."""
     longest = record_length(setting) / 5
     if spread(setting.argument) == 0 or longest < setting.dt:
-        return np.empty((0, 2))
+        return np.empty(0)
     times = np.array(shares) * time_scale(setting)
-    return grid(np.unique(np.clip(times, 0.5 * setting.dt, longest)), [0.0])
+    return np.unique(np.clip(times, 0.5 * setting.dt, longest))
 
 
 def _delay_starts(setting: Setting) -> np.ndarray:
-    return _times(setting, (0.05, 0.15, 0.5))
+    return grid(_times(setting, (0.05, 0.15, 0.5)), [0.0])  # from rest
 
 
 @kernel
@@ -155,9 +155,26 @@ def _from_sample_to_sample(curved, signal, dt, theta, first):
     return by_pieces(run, signal, first)
 
 
+@kernel
+def _digital_lag_run(values, decay, lacking):
+    """Return the exponential average of samples, up to each of them."""
+    out = np.empty(values.size)
+    out[0] = values[0] * (1.0 - lacking)
+    for k in range(1, values.size):
+        out[k] = decay * out[k - 1] + (1.0 - decay) * values[k]
+    return out
+
+
+def _digital_lag(signal, dt, theta, first):
+    decay = np.exp(-dt / max(theta[0], SHORT * dt))
+    return by_pieces(_digital_lag_run, signal, first, decay, theta[1])
+
+
 def _lag_curved(signal, middle, end, dt, theta, first):
+    """Follow a curve; the share that samples do stays from each sample to the next."""
     pace = 1.0 / max(theta[0], SHORT * dt)
-    return _following(signal, middle, end, first, np.array([[-pace]]), np.array([pace]), dt, theta[1])
+    analog = _following(signal, middle, end, first, np.array([[-pace]]), np.array([pace]), dt, theta[1])
+    return analog + theta[2] * (_digital_lag(signal, dt, theta, first) - analog)
 
 
 def _lag_transform(signal, second, dt, theta, first):
@@ -165,6 +182,11 @@ def _lag_transform(signal, second, dt, theta, first):
 
 
 def _lag_held(signal, dt, theta, first):
+    mean, rise = _analog_lag_held(signal, dt, theta, first)
+    return mean + theta[2] * (_digital_lag(signal, dt, theta, first) - mean), rise * (1.0 - theta[2])
+
+
+def _analog_lag_held(signal, dt, theta, first):
     """Follow each value of a held signal exponentially."""
     ratio = dt / max(theta[0], SHORT * dt)
     behind = by_pieces(_held_lag_run, signal, first, np.exp(-ratio), theta[1]) - signal
@@ -176,7 +198,7 @@ def _lag_held(signal, dt, theta, first):
 
 
 def _lag_starts(setting: Setting) -> np.ndarray:
-    return _times(setting, (0.05, 0.2, 1.0, 5.0))
+    return grid(_times(setting, (0.05, 0.2, 1.0, 5.0)), [0.0], [0.0])  # from rest, by a filter
 
 
 @kernel
@@ -244,9 +266,11 @@ DYNAMICS = (
         code="lag",
         title="Lag",
         sentence="The signal arrives smoothed, as through a filter.",
-        equation="T s_out' = s - s_out; at first a share i of the command is lacking",
-        parameters=(EffectParameter("T", "s", 0.0), LACKING),
+        equation="T s_out' = s - s_out; as much of it as d goes on from sample to sample alone, "
+        "s_out[k] = s[k] + (s_out[k-1] - s[k]) exp(-dt/T); at first a share i of the command is lacking",
+        parameters=(EffectParameter("T", "s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
         begin=1,
+        form=2,
         starts=_lag_starts,
         transform=_lag_transform,
         held=_lag_held,

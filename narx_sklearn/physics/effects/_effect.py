@@ -100,6 +100,9 @@ class Effect:
     begin : int or None
         Index of the parameter that tells in which state its memory begins; like initial states it has no
         price where effects are compared.
+    form : int or None
+        Index of the parameter that leads from one way to build the same thing to another (a filter of parts,
+        or of code): it makes an effect no less simple.
     n_instants : int
         How many parameters are times at which something happened once: each is chosen among all samples.
     n_memory : int
@@ -183,6 +186,7 @@ class Effect:
     amplitude: int | None = 0
     levels: tuple[int, ...] = ()
     begin: int | None = None
+    form: int | None = None
     n_instants: int = 0
     n_memory: int = 0
     jumps: bool = False
