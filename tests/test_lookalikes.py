@@ -88,7 +88,8 @@ class TestLookAlikes:
         _, (plain, falling), _ = self.candidates(size=0.3)
         unexplained = 30 * plain.fit.cost
         model = falling.fit.model
-        as_wide = replace(falling.effects[0], effect=plain.effects[0].effect)
+        shaped = replace(plain.effects[0].effect, parameters=falling.effects[0].effect.parameters)
+        as_wide = replace(falling.effects[0], effect=shaped)
         wide = Candidate(falling.fit._replace(model=model._replace(effects=(as_wide,))), plain.n_samples)
         wide = Candidate(wide.fit._replace(cost=plain.fit.cost), plain.n_samples)
         better = plain.fit.cost - 0.004 * (unexplained - plain.fit.cost)

@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.ranking import leaders
@@ -124,6 +125,27 @@ class TestLag:
         T, _, d = found.effects[0].theta
         assert (T, d) == pytest.approx((0.07, 1.0), rel=0.02)
         assert found.n_values == late.n_values
+
+
+class TestBacklash:
+    def test_of_a_command_all_motion_is_lost_and_of_a_force_a_part(self):
+        at_input = PlacedEffect(CATALOGUE["backlash"], Port("input", 0), theta=(1.0, 0.1, 0.2, 0.0))
+        at_state = PlacedEffect(CATALOGUE["backlash"], Port("state", 1), (1.0, 0.0), theta=at_input.theta)
+        assert at_input.bounds[0].tolist() == [1.0, 1.0]
+        assert at_state.bounds[0].tolist() == [0.0, np.inf]
+        assert (at_input.amplitude, at_state.amplitude) == (None, 0)
+        assert (at_input.n_values, at_state.n_values) == (2, 3)  # where it began is none
+
+    def test_what_is_not_fitted_has_no_room_in_its_interval(self):
+        play = PlacedEffect(
+            CATALOGUE["backlash"], Port("input", 0), theta=(1.0, 0.15, 0.2, 0.0), argument_name="force"
+        )
+        problem, start = axis_problem([play])
+        found = fit(problem, start._replace(effects=(play.at(np.array([0.4, 0.12, 0.1, 0.0])),)))
+        k, b, *_ = found.model.effects[0].theta
+        assert k == 1.0
+        assert b == pytest.approx(0.15, rel=0.1)
+        assert intervals(problem, found)[found.model.p.size] == pytest.approx([1.0, 1.0], abs=1e-12)
 
 
 class TestSearch:

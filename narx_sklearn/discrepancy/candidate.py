@@ -33,9 +33,11 @@ class Candidate:
 
     @property
     def n_values(self) -> int:
-        """Number of global parameters, but for where a memory begins and in which form an effect is built."""
-        besides = [index for e in self.effects for index in (e.effect.begin, e.effect.form)]
-        return self.fit.model.q.size - sum(index is not None for index in besides)
+        """Number of global parameters that choose among laws.
+
+        Not where a memory begins, in which form an effect is built, or what has one value only.
+        """
+        return self.fit.model.p.size + sum(placed.n_values for placed in self.effects)
 
     @property
     def n_parameters(self) -> int:

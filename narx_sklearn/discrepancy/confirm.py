@@ -55,7 +55,8 @@ def n_shapes(effect: PlacedEffect, problem: Problem) -> float:
 
     Of each fitted parameter but its size n samples tell about the square root of n values.
     """
-    return problem.n_seen ** (0.5 * (effect.n_theta - 1))
+    n_fitted = effect.n_values + (effect.effect.begin is not None)
+    return problem.n_seen ** (0.5 * (n_fitted - 1))
 
 
 def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool, ...]:

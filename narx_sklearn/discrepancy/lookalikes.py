@@ -172,7 +172,7 @@ def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, st
     effects, kind = candidate.effects, effect.effect
     at = next(i for i, e in enumerate(effects) if e.place == effect.place)
     own = candidate.fit.model.theirs[at]
-    fitted = [0 if kind.amplitude is None else kind.amplitude]
+    fitted = [0 if effect.amplitude is None else effect.amplitude]
     fitted += [index for index in (kind.begin, kind.form) if index is not None]
     free = np.ones(candidate.fit.model.q.size, dtype=bool)
     free[own] = False

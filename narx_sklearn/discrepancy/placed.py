@@ -102,9 +102,20 @@ class PlacedEffect:
     def bounds(self) -> np.ndarray:
         """Lower and upper bounds of ``theta``, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
+        if self.port.kind == "input":
+            given = [p.at_input for p in self.effect.parameters]
+            limits = [
+                limit if value is None else (value, value) for limit, value in zip(limits, given, strict=True)
+            ]
         if self.onward >= 0:
             limits.append((0.0, np.inf if self.reacts else 1.0))
         return np.array(limits, dtype=float).reshape(-1, 2)
+
+    @property
+    def amplitude(self) -> int | None:
+        """Index of the parameter that scales the whole effect here; None where no parameter does."""
+        scales = self.effect.amplitude
+        return scales if scales is not None and np.ptp(self.bounds[scales]) > 0 else None
 
     @property
     def reacts(self) -> bool:
@@ -134,6 +145,12 @@ class PlacedEffect:
     def n_theta(self) -> int:
         """Number of parameters, the share that goes on included."""
         return len(self.effect.parameters) + (self.onward >= 0)
+
+    @property
+    def n_values(self) -> int:
+        """Number of parameters that are fitted, but for where its memory begins and how it is built."""
+        besides = {self.effect.begin, self.effect.form} - {None}
+        return int(np.sum(np.ptp(self.bounds, axis=1) > 0)) - len(besides)
 
     def second_of(self, u: np.ndarray, x: np.ndarray | None = None) -> np.ndarray | None:
         """Return the second argument along a record, (n_samples,); None for none."""

@@ -55,7 +55,7 @@ def _strengths(bank: Bank) -> np.ndarray:
     limits = np.empty((2, bank.n_columns))
     for j, (h, s) in enumerate(zip(bank.owner, bank.start, strict=True)):
         placed, start = bank.hypotheses[h].placed, bank.hypotheses[h].starts[s]
-        amplitude = placed.effect.amplitude
+        amplitude = placed.amplitude
         if amplitude is None:
             limits[:, j] = 0.0, np.inf
         elif start[amplitude]:
@@ -90,7 +90,7 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
         hypothesis = bank.hypotheses[h]
         most = max(STARTS, len(hypothesis.starts) // MANY)
         chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
-        if hypothesis.placed.effect.amplitude is None and len(chosen) == most:
+        if hypothesis.placed.amplitude is None and len(chosen) == most:
             chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
         found += [scaled(bank, j, strength[j]) for j in dict.fromkeys(chosen)]
     return found
@@ -100,8 +100,8 @@ def scaled(bank: Bank, column: int, strength: float) -> PlacedEffect:
     """Return the effect behind a column at a strength, where it has one."""
     placed = bank.placed(column)
     theta = np.array(placed.theta)
-    if placed.effect.amplitude is not None:
-        theta[placed.effect.amplitude] *= strength
+    if placed.amplitude is not None:
+        theta[placed.amplitude] *= strength
     return placed.at(np.clip(theta, placed.bounds[:, 0], placed.bounds[:, 1]))
 
 

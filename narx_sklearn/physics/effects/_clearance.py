@@ -194,11 +194,11 @@ CLEARANCE = (
         code="backlash",
         title="Backlash",
         sentence="At every reversal some motion is lost before the other side is touched again.",
-        equation="s + k (P_b[s] - s) at an input, k = 1 for full lost motion; k (P_b[x] - x) in a state "
+        equation="P_b[s] at an input (k = 1, all of the motion is lost); k (P_b[x] - x) in a state "
         "equation; P_b is the play of half-width b, the mean of four from (1 - 3 r/4) b to (1 + 3 r/4) b, as "
         "where the parts give way; at first it is i half-widths off",
         parameters=(
-            EffectParameter("k", "{port}/({arg})", 0.0),
+            EffectParameter("k", "{port}/({arg})", 0.0, at_input=1.0),
             EffectParameter("b", "{arg}", 0.0),
             EffectParameter("r", "-", 0.0, 1.0),
             BEGIN,

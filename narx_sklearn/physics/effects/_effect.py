@@ -18,13 +18,15 @@ class EffectParameter(NamedTuple):
     """One parameter of an effect.
 
     The unit is a template: ``{port}`` stands for the unit of what is added to (an input, a state's rate, an
-    output), ``{arg}`` for the unit of the argument, ``{second}`` for that of the second argument.
+    output), ``{arg}`` for the unit of the argument, ``{second}`` for that of the second argument. At an input
+    it may have one value always, ``at_input``.
     """
 
     name: str
     unit: str
     lower: float = -np.inf
     upper: float = np.inf
+    at_input: float | None = None
 
 
 BEGIN = EffectParameter("i", "-", -1.0, 1.0)  # where within its play a memory stands when a record begins

@@ -15,6 +15,7 @@ from narx_sklearn.physics.effects._effect import (
     MET_ON,
     SECONDS,
     Effect,
+    EffectParameter,
     Setting,
 )
 from narx_sklearn.physics.effects._friction import FRICTION
@@ -192,10 +193,13 @@ def _check_fields(effect: Effect) -> None:
     if not 1 <= n <= MAX_PARAMETERS:
         refuse(f"it has {n} parameters; an effect has 1 to {MAX_PARAMETERS}.")
     for parameter in effect.parameters:
-        if len(parameter) != 4 or not parameter[2] < parameter[3]:
+        if not isinstance(parameter, EffectParameter) or not parameter.lower < parameter.upper:
             refuse(
                 f"parameter {parameter!r} must be EffectParameter(name, unit, lower, upper), lower < upper."
             )
+        given = parameter.at_input
+        if given is not None and not parameter.lower <= given <= parameter.upper:
+            refuse(f"parameter {parameter.name!r} has at_input={given!r}, which is outside its bounds.")
     if effect.argument not in ARGUMENTS:
         refuse(f"argument must be one of {list(ARGUMENTS)}, got {effect.argument!r}.")
     if effect.second not in SECONDS:
@@ -204,7 +208,7 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"met_on must be one of {list(MET_ON)}, got {effect.met_on!r}.")
     if effect.met_at not in (None, "input", "output"):
         refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
-    for name in ("amplitude", "begin", "reach"):
+    for name in ("amplitude", "begin", "form", "reach"):
         index = getattr(effect, name)
         if index is not None and not 0 <= index < n:
             refuse(f"{name} must index one of its {n} parameters or be None, got {index!r}.")
