@@ -11,7 +11,7 @@ from sklearn.base import clone
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
 from narx_sklearn import DiscrepancyRegressor, NARXModel, NARXRegressor, ODESimulator
-from narx_sklearn.discrepancy.report_text import what_adds_up
+from narx_sklearn.discrepancy.report_text import report_text, what_adds_up
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
@@ -127,6 +127,13 @@ class TestHeldOut:
             assert f"{number:.2g} m" in told
         dx.simulator_ = dx.refitted_simulator_
         assert not what_adds_up(dx)
+
+    @pytest.mark.parametrize(("unit", "told"), [("kg", " kg "), ("1", " "), ("-", " "), ("", " ")])
+    def test_a_ratio_is_printed_without_a_unit(self, cubic, unit, told):
+        dx = copy(cubic[0])
+        dx.parameters_ = dx.parameters_.assign(unit=unit)
+        number = f"gain = {dx.parameters_.loc['gain', 'augmented']:.4g}"
+        assert f"{number}{told}  (" in report_text(dx)
 
     def test_a_record_too_short_to_hold_anything_out_says_so(self):
         u, y, _ = record("cubic_stiffness", n=60)

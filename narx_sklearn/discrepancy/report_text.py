@@ -120,7 +120,7 @@ def what_adds_up(dx) -> str:
 
 def _quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a value with its unit, where it has one."""
-    return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-"} else "")
+    return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-", "1"} else "")
 
 
 def _parameters(dx) -> list[str]:
@@ -129,7 +129,7 @@ def _parameters(dx) -> list[str]:
     shown = "augmented" if any(finding.modelled for finding in dx.findings_) else "refitted"
     lines = ["Parameters of the simulation:"]
     for name, row in dx.parameters_.iterrows():
-        value = f"{row[shown]:.4g} {row['unit']}".rstrip()
+        value = _quantity(row[shown], row["unit"])
         lines.append(
             f"   {name} = {value}   ({row[shown + '_low']:.4g} to "
             f"{row[shown + '_high']:.4g}), nominal {row['nominal']:.4g}"
