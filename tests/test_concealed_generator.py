@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.interpolate import CubicSpline
 
 ROOT = Path(__file__).resolve().parents[1]
 if not (ROOT / "benchmarks" / "concealed" / "case.py").is_file():
@@ -21,7 +22,7 @@ from benchmarks.concealed.diagnose import diagnose  # noqa: E402
 from benchmarks.concealed.experiment import perform, rig_of  # noqa: E402
 from benchmarks.concealed.hidden import Rig  # noqa: E402
 from benchmarks.concealed.make import make  # noqa: E402
-from benchmarks.concealed.plants.codes import CATALOGUE, OUTSIDE, Code  # noqa: E402
+from benchmarks.concealed.plants.codes import CATALOGUE, OUTSIDE, Code, Kind  # noqa: E402
 from benchmarks.concealed.plants.dispatch import MACHINES, hidden_rates, nominal_rates  # noqa: E402
 from benchmarks.concealed.plants.forces import friction  # noqa: E402
 from benchmarks.concealed.plants.inputs import act  # noqa: E402
@@ -99,6 +100,22 @@ def test_without_effects_runge_kutta_at_the_sampling_period_follows_well_below_t
         recording.clean, axis=0
     )
     assert np.all(error < 0.1 * 0.005)  # a tenth of the smallest noise
+
+
+def test_what_a_sensor_tells_late_was_its_curve_between_the_samples():
+    """A cubic spline stands for the curve; straight lines would be off by ten times as much."""
+    rig = rig_for("two_tanks")
+    site = next(site for site in rig.machine.sites[Code.delay] if site.kind == Kind.output)
+    late = np.array([0.4 * rig.machine.dt, *np.zeros(7)])
+    u = rig.command("multisine", 400, np.random.default_rng(1))
+    runs = [
+        rig.with_effects(effects).record(u, np.random.default_rng(0)).clean[:, site.index]
+        for effects in ((), [(Concealed(Code.delay, site, 1.0), late)])
+    ]
+    at = np.arange(400.0)
+    curve, straight = CubicSpline(at, runs[0])(at - 0.4), np.interp(at - 0.4, at, runs[0])
+    error, of_lines = (np.std((told - runs[1])[20:-20]) for told in (curve, straight))
+    assert error < 0.1 * of_lines
 
 
 @per_machine

@@ -177,21 +177,22 @@ def _reach(commands, k, t, dt, h, effects, memory, out):
 
 
 @njit(cache=True, nogil=True)
-def _read(x, k, dt, measured, effects, memory, raw, out):
-    """Write the readings of sample `k`; `raw` keeps what they were before a transport delay."""
+def _read(x, k, dt, n_fine, measured, effects, memory, raw, out):
+    """Write the readings of sample `k`; `raw` keeps at all fine steps what they are before a delay."""
     t = k * dt
     for j in range(measured.size):
         y = x[measured[j]]
-        raw[k, j] = y
+        raw[k * n_fine, j] = y
         for e in range(effects.code.size):
             if effects.kind[e] != Kind.output or effects.index[e] != j:
                 continue
             if t < effects.gate[e, 0] or t >= effects.gate[e, 1]:
                 continue
             if effects.code[e] == Code.delay:
-                past = max(k - effects.theta[e, 0] / dt, 0.0)
+                past = max((k - effects.theta[e, 0] / dt) * n_fine, 0.0)
                 before = int(past)
-                y = raw[before, j] + (past - before) * (raw[min(before + 1, k), j] - raw[before, j])
+                after = min(before + 1, k * n_fine)
+                y = raw[before, j] + (past - before) * (raw[after, j] - raw[before, j])
             else:
                 y = sense(effects.code[e], effects.theta[e], y, t, dt, memory[e])
         out[j] = y
@@ -238,7 +239,7 @@ def run_hidden(plant, c, x0, u, noise, steps, measured, loop, effects, memory, d
     states = np.empty((n, n_states))
     clean = np.empty((n, measured.size))
     noisy = np.empty((n, measured.size))
-    raw = np.empty((n, measured.size))
+    raw = np.empty((n * n_fine, measured.size))
     used = u.copy()
     x = x0.copy()
     reached = np.empty(u.shape[1])
@@ -247,7 +248,7 @@ def run_hidden(plant, c, x0, u, noise, steps, measured, loop, effects, memory, d
     total, last = 0.0, 0.0
     for k in range(n):
         states[k] = x
-        _read(x, k, dt, measured, effects, memory, raw, clean[k])
+        _read(x, k, dt, n_fine, measured, effects, memory, raw, clean[k])
         for j in range(measured.size):
             y = clean[k, j] + noise[k, j]
             noisy[k, j] = steps[j] * np.floor(y / steps[j] + 0.5) if steps[j] > 0.0 else y
@@ -261,6 +262,8 @@ def run_hidden(plant, c, x0, u, noise, steps, measured, loop, effects, memory, d
             used[k, 0] = loop[5] + min(max(command, -loop[4]), loop[4])
         for s in range(n_fine):
             t = k * dt + s * h
+            for j in range(measured.size):
+                raw[k * n_fine + s, j] = x[measured[j]]
             _reach(used, k, t, dt, h, effects, memory, reached)
             _fine_step(plant, x, reached, t, h, c, effects, memory, work)
         if not _within(x):
