@@ -78,7 +78,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
         whole = problem
         problem, refitted = _led(problem, refitted, ladders, structure, x, settings.n_jobs)
         if problem is not whole:
-            length = int(np.median(problem.windows.last - problem.windows.first))
+            length = problem.windows.length
     before = problem
     if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
@@ -106,7 +106,7 @@ def _check_finite(problem: Problem, refitted: Fit) -> None:
     with np.errstate(over="ignore"):
         lost = problem.seen & ~np.isfinite(run.y[problem.rows] ** 2)
     k = int(problem.rows[lost.any(axis=2)].min())
-    length = int(np.median(windows.last - windows.first))
+    length = windows.length
     raise ValueError(
         f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
         f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. Check the signs "

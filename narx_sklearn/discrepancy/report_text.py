@@ -109,8 +109,8 @@ def what_adds_up(dx) -> str:
     worst = int(np.argmax(times))
     if not times[worst] > ADDS_UP:
         return ""
-    signal, windows = problem.simulator.outputs[worst], problem.windows
-    length = problem.simulator.dt * np.median(windows.last - windows.first)
+    signal = problem.simulator.outputs[worst]
+    length = problem.simulator.dt * problem.windows.length
     there, here = (_quantity(size[worst], signal.unit, digits=2) for size in (whole, in_windows))
     return (
         f"There the corrected simulation leaves {there} of {signal.name}, in the windows of {length:.3g} s "

@@ -62,6 +62,11 @@ class Windows(NamedTuple):
         """Number of windows."""
         return self.first.size
 
+    @property
+    def length(self) -> int:
+        """How many samples a window has, the median."""
+        return int(np.median(self.last - self.first))
+
     @classmethod
     def whole(cls, pieces: Sequence[slice]) -> "Windows":
         """Return one window a piece."""

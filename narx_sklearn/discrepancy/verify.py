@@ -199,7 +199,7 @@ def on_held_out(
     HeldOut
         Without blocks where no stretch is long enough.
     """
-    length = int(np.median(problem.windows.last - problem.windows.first))
+    length = problem.windows.length
     windows = cut(pieces, length, shortest_window(problem.simulator))
     if not windows.count:
         return HeldOut(np.empty(0), np.nan, np.nan, windows, np.empty((0, problem.windows.count)))
