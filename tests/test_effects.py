@@ -1327,6 +1327,8 @@ class TestRegistry:
             ({"force": raising}, "force raised KeyError"),
             ({"starts": raising}, "starts raised KeyError"),
             ({"starts": lambda s: np.ones((2, 3))}, r"returned shape \(2, 3\)"),
+            ({"limits": 3.0}, "limits must be callable"),
+            ({"limits": lambda s: np.ones(2)}, r"limits\(setting\) returned shape \(2,\)"),
             ({"parameters": (EffectParameter("a", "-", 1.0),)}, "outside its bounds"),
             ({"force": lambda *a: np.inf}, "force returned inf"),
             ({"n_memory": 1}, "force left dz"),

@@ -148,6 +148,31 @@ class TestBacklash:
         assert intervals(problem, found)[found.model.p.size] == pytest.approx([1.0, 1.0], abs=1e-12)
 
 
+class TestLimits:
+    def test_beyond_what_a_record_shows_parameters_have_no_meaning_and_still_their_price(self):
+        """A ripple has a period in the travel; a fit that would rather have a longer one stays there."""
+        problem, start = axis_problem([friction(0.3)])
+        found = fit(problem, start)
+        run = problem.run(found.model)
+        inside = problem.rows[problem.inside]
+        structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
+        asked = [CATALOGUE[code] for code in ("cogging", "creep", "periodic_disturbance")]
+        placed = {
+            h.placed.effect.code: h.placed
+            for h in enumerate_hypotheses(asked, problem, found.model, run, structure)
+            if h.placed.port == Port("state", 1)
+        }
+        time = 1500 * problem.simulator.dt
+        slowest = 2 * np.pi / np.ptp(np.quantile(run.x[inside][:, 0], [0.02, 0.98]))
+        assert placed["cogging"].bounds[1] == pytest.approx([slowest, np.inf], rel=0.01)
+        assert placed["creep"].bounds[1] == pytest.approx([0.0, time], rel=0.01)
+        assert placed["periodic_disturbance"].bounds[1] == pytest.approx([6 * np.pi / time, np.inf], rel=0.01)
+        ripple = placed["cogging"].at([0.5, 0.2 * slowest, 0.5, 0.0])
+        fitted = Candidate(fit(problem, start._replace(effects=(ripple,)), iterations=3), problem.n_seen)
+        assert fitted.effects[0].theta[1] >= placed["cogging"].bounds[1, 0]
+        assert ripple.domain[1].tolist() == [0.0, np.inf]
+
+
 class TestSearch:
     @pytest.fixture
     def found(self, monkeypatch):

@@ -55,7 +55,7 @@ class Candidate:
         """
         model, J = self.fit.model, self.fit.jacobian
         own, q = model.p.size, model.q
-        bounds = np.concatenate([np.empty((0, 2)), *(e.bounds for e in model.effects)])
+        bounds = np.concatenate([np.empty((0, 2)), *(e.domain for e in model.effects)])
         inside = (q[own:] > bounds[:, 0]) & (q[own:] < bounds[:, 1])
         inside &= np.array([k != e.effect.begin for e in model.effects for k in range(e.n_theta)], dtype=bool)
         many = np.array([e.effect.valleys > 0 for e in model.effects for _ in range(e.n_theta)], dtype=bool)

@@ -57,6 +57,9 @@ def enumerate_hypotheses(
 def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothesis | None:
     """Return the hypothesis that an effect acts at a place; None where nothing there lets it start."""
     effect = placed.effect
+    if effect.limits is not None:
+        limits = np.asarray(effect.limits(setting), dtype=float)
+        placed = replace(placed, limits=tuple((low, high) for low, high in limits.tolist()))
     starts = _starts(effect, setting, placed)
     scanned, n_tried = _scan(effect, setting, placed)
     if not len(starts) + len(scanned):

@@ -57,6 +57,8 @@ class PlacedEffect:
         Whether one meets the effect elsewhere, not at such a place.
     during : tuple of (float, float)
         Seconds since a session began, from the first of which it acts until the second; always by default.
+    limits : tuple of (float, float)
+        Of each parameter, between which it means on a record what it is called; none by default.
     """
 
     effect: Effect
@@ -74,6 +76,7 @@ class PlacedEffect:
     inertial: bool = False
     odd: bool = False
     during: tuple[float, float] = ALWAYS
+    limits: tuple[tuple[float, float], ...] = ()
 
     def at(self, theta) -> "PlacedEffect":
         """Return it with other parameter values."""
@@ -100,7 +103,15 @@ class PlacedEffect:
 
     @property
     def bounds(self) -> np.ndarray:
-        """Lower and upper bounds of ``theta``, shape (n_theta, 2)."""
+        """Lower and upper bounds of ``theta`` on a record, shape (n_theta, 2)."""
+        bounds = self.domain
+        for row, (lower, upper) in zip(bounds, self.limits, strict=False):
+            row[:] = np.clip([lower, upper], *row)
+        return bounds
+
+    @property
+    def domain(self) -> np.ndarray:
+        """Lower and upper bounds of ``theta`` on any record, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
         if self.port.kind == "input":
             given = [p.at_input for p in self.effect.parameters]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_least
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import time_since
 from narx_sklearn.physics.effects._starts import (
@@ -11,6 +11,7 @@ from narx_sklearn.physics.effects._starts import (
     record_length,
     scaled,
     spread,
+    time_looked_at,
     working_points,
 )
 
@@ -132,6 +133,11 @@ def _periodic_starts(setting: Setting) -> np.ndarray:
     return scaled(setting, rows, lambda row: np.sin(row[1] * setting.time + row[2]))
 
 
+def _periodic_limits(setting: Setting) -> np.ndarray:
+    """Periods enough in the time looked at; fewer are drift."""
+    return at_least(3, 1, 2 * np.pi * FEWEST_PERIODS / time_looked_at(setting))
+
+
 DRIFT = (
     Effect(
         code="gain_drift",
@@ -225,6 +231,7 @@ DRIFT = (
             EffectParameter("p", "rad", -2 * np.pi, 2 * np.pi),
         ),
         starts=_periodic_starts,
+        limits=_periodic_limits,
         force=_periodic,
         transform=_periodic_transform,
         input_port=False,

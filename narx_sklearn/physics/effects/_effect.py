@@ -51,6 +51,18 @@ class Setting(NamedTuple):
     )
 
 
+def at_least(n_parameters: int, index: int, least: float) -> np.ndarray:
+    """Return limits of which one is the least value of a parameter."""
+    limits = np.tile([-np.inf, np.inf], (n_parameters, 1))
+    limits[index, 0] = least
+    return limits
+
+
+def at_most(n_parameters: int, index: int, most: float) -> np.ndarray:
+    """Return limits of which one is the largest value of a parameter."""
+    return -at_least(n_parameters, index, -most)[:, ::-1]
+
+
 def no_start(setting: Setting) -> np.ndarray:
     """Return no starting value: the effect does not apply."""
     return np.empty((0, 0))
@@ -73,6 +85,10 @@ class Effect:
     starts : callable
         ``starts(setting) -> ndarray (n_starts, n_parameters)``: parameter values worth trying on these data,
         of an ordinary size; none when the effect cannot be told from nothing on them.
+    limits : callable, optional
+        ``limits(setting) -> ndarray (n_parameters, 2)``: between which its parameters mean on these data what
+        they are called; beyond them it is another effect (a ripple of which the motion spans no whole
+        period is a spring).
     force : callable, optional
         For a state port: ``force(argument, rate, own, second, time, step, z, theta, dz) -> float``, added to
         the state's rate; compiled by numba. It writes ``dz/dt`` (or the new ``z`` where ``jumps``).
@@ -177,6 +193,7 @@ class Effect:
     equation: str
     parameters: tuple[EffectParameter, ...]
     starts: Callable[[Setting], np.ndarray]
+    limits: Callable[[Setting], np.ndarray] | None = None
     force: Any = None
     transform: Any = None
     held: Any = None

@@ -5,10 +5,17 @@ import numpy as np
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import AbsoluteDifference, DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import plays
-from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting, at_most
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
-from narx_sklearn.physics.effects._starts import grid, quantiles, scaled, spread, time_constants
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    quantiles,
+    scaled,
+    spread,
+    time_constants,
+    time_looked_at,
+)
 
 N_PLAYS = 10  # radii of the Prandtl-Ishlinskii model, evenly up to the largest
 N_LAGS = 3  # slow poles half a decade apart: together close to log(t) over a decade and a half
@@ -179,6 +186,11 @@ def _creep_starts(setting: Setting) -> np.ndarray:
     return scaled(setting, grid([1.0], time_constants(setting, 5)[1:]), _added(setting, _creep_transform))
 
 
+def _creep_limits(setting: Setting) -> np.ndarray:
+    """The fastest of its lags settles within the time looked at; slower ones are a spring."""
+    return at_most(2, 1, time_looked_at(setting))
+
+
 def _bouc_wen_hysteresis_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
     return (AbsoluteDifference(argument), DifferenceSign(argument))
 
@@ -252,6 +264,7 @@ HYSTERESIS = (
         "at an output; slow lags Ti = T 10^(i/2), i = 0, 1, 2",
         parameters=(EffectParameter("g", "{port}/({arg})", 0.0), EffectParameter("T", "s", 0.0)),
         starts=_creep_starts,
+        limits=_creep_limits,
         force=_creep,
         transform=_creep_transform,
         input_port=False,

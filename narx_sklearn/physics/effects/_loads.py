@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_difference, of_level
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_least
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
     grid,
@@ -19,6 +19,7 @@ SMALLEST_TURN = 0.05  # rad: below it the sine of an angle is the angle
 QUARTER = 0.5 * np.pi
 TURN = 2 * np.pi
 OF_LEVELS = ("m", "dm", "cm", "mm", "in", "ft", "m^3", "dm^3", "cm^3", "l", "L", "%")  # how full it is
+MOSTLY = (0.02, 0.98)  # quantiles between which a motion mostly is
 WAVES = np.concatenate([np.arange(1.0, 8.0, 0.5), np.arange(8.0, 17.0)])  # in the range of the angle
 
 
@@ -59,7 +60,7 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
 
     Over more than a turn they are whole numbers, since the load repeats with the angle.
     """
-    low, high = quantiles(setting.argument, [0.02, 0.98])
+    low, high = quantiles(setting.argument, MOSTLY)
     turn = _turn(setting)
     if not high > low:
         return np.empty((0, 4))
@@ -73,6 +74,13 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
         grid([1.0], np.union1d(coarse, lines_in_angle(setting, fine, 3)), [0.0, QUARTER], [0.0]),
         lambda row: _ripple_of_level(setting.argument, *row[1:]),
     )
+
+
+def _cogging_limits(setting: Setting) -> np.ndarray:
+    """At least one period where the motion mostly is, or one a turn."""
+    low, high = quantiles(setting.argument, MOSTLY)
+    slowest = TURN / (high - low) if high > low else 0.0
+    return at_least(4, 1, min(slowest, 1.0) if _turn(setting) > TURN else slowest)
 
 
 @kernel
@@ -189,6 +197,7 @@ LOADS = (
             EffectParameter("r", "-", -1.0, 1.0),
         ),
         starts=_cogging_starts,
+        limits=_cogging_limits,
         force=_cogging,
         argument="position",
         argument_units=("rad", "m", "mm", "um"),

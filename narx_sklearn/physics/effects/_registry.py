@@ -184,7 +184,7 @@ def _check_fields(effect: Effect) -> None:
         )
     if not effect.ports:
         refuse("it can act nowhere: input_port and output_port are both off and there is no force.")
-    for name in ("force", "transform", "held", "phi"):
+    for name in ("force", "transform", "held", "phi", "limits"):
         if getattr(effect, name) is not None and not callable(getattr(effect, name)):
             refuse(f"{name} must be callable, got {type(getattr(effect, name)).__name__}.")
     if not callable(effect.starts):
@@ -239,6 +239,13 @@ def _check_trial(effect: Effect) -> None:
             raise ValueError(
                 f"Effect {effect.code!r}: starts(setting) gives {parameter.name} = {values.tolist()}, "
                 f"outside its bounds {parameter.lower} and {parameter.upper}."
+            )
+    if effect.limits is not None:
+        limits = np.shape(_tried(effect, "limits", lambda: effect.limits(trial_setting())))
+        if limits != (n, 2):
+            raise ValueError(
+                f"Effect {effect.code!r}: limits(setting) returned shape {limits}; wanted is ({n}, 2), the "
+                "least and the largest value of each parameter."
             )
     theta = starts[0]
     if effect.force is not None:

@@ -61,6 +61,11 @@ def record_length(setting: Setting) -> float:
     return float(np.max(np.diff(np.unique(edges)), initial=0) * setting.dt)
 
 
+def time_looked_at(setting: Setting) -> float:
+    """Return the time from the first sample to the last, gaps included, of the session that is longest, s."""
+    return float(np.ptp(setting.time)) + setting.dt
+
+
 def time_scale(setting: Setting) -> float:
     """Return the time in which the argument changes by about its spread, s: 1/w for a sine of frequency w."""
     fast = spread(setting.rate)
