@@ -7,7 +7,7 @@ from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.acting import state_forces
 from narx_sklearn.discrepancy.findings import parameter_names, place_in_words
 from narx_sklearn.discrepancy.generic import curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import placements
+from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -173,16 +173,37 @@ def test_no_place_beside_an_input_that_drives_one_equation():
     assert beside("coulomb_friction", make(), road()) == []
 
 
-def test_a_speed_without_a_position_moves_with_others_too():
-    def wheel_on_a_pendulum(x, u, p):
-        torque = p[0] * u[0] - p[1] * x[2]
-        return x[1], (-0.9 * np.sin(x[0]) - torque) / 0.02, torque / 2.5e-4
+def wheel_on_a_pendulum(x, u, p):
+    torque = p[0] * u[0] - p[1] * x[2]
+    return x[1], (-0.9 * np.sin(x[0]) - torque) / 0.02, torque / 2.5e-4
 
+
+def make_wheel(unit="rad/s"):
+    made = {"states": ["angle [rad]", "rate [rad/s]", f"wheel [{unit}]"], "inputs": ["torque [N m]"]}
+    return ODESimulator(wheel_on_a_pendulum, dt=0.01, parameters={"a": 1.0, "b": 1e-5}, **made)
+
+
+def test_a_speed_without_a_position_moves_with_others_too():
     for unit, found in (("rad/s", {(Port("state", 2), 0)}), ("bar", set())):
-        made = {"states": ["angle [rad]", "rate [rad/s]", f"wheel [{unit}]"], "inputs": ["torque [N m]"]}
-        simulator = ODESimulator(wheel_on_a_pendulum, dt=0.01, parameters={"a": 1.0, "b": 1e-5}, **made)
-        placed = beside("coulomb_friction", simulator, 0.01 * road())
+        placed = beside("coulomb_friction", make_wheel(unit), 0.01 * road())
         assert {(p.port, p.through) for p in placed} == found
+
+
+def test_beside_an_input_values_to_begin_with_are_counted_as_it_is():
+    """A torque that turns a wheel of 2.5e-4 kg m^2 is as many times less than the rate it gives."""
+    simulator, u = make_wheel(), 0.01 * road()
+    windows = cut([(slice(0, len(u)), 0)], 600, 12)
+    whole = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 3)))
+    problem = Problem(simulator, u, whole.y, windows, Noise.white(np.ones(whole.y.shape[1])))
+    model = Model(simulator.nominal, (), whole.x[windows.first])
+    run, structure = problem.run(model), find_structure(simulator, whole.x, u)
+    for code in ("coulomb_friction", "quadratic_drag", "constant_load"):
+        found = enumerate_hypotheses([CATALOGUE[code]], problem, model, run, structure)
+        plain, through = (
+            next(h for h in found if h.placed.port == Port("state", 2) and h.placed.through == k)
+            for k in (-1, 0)
+        )
+        np.testing.assert_allclose(through.starts[:, 0], 2.5e-4 * plain.starts[:, 0], rtol=1e-4)
 
 
 def test_dry_friction_beside_an_input_holds_all_that_hangs_on_it():

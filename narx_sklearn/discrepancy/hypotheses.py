@@ -41,7 +41,7 @@ def enumerate_hypotheses(
     """Return the hypotheses that can act on this record, in the order given; last those nobody asks for."""
     simulator = problem.simulator
     order = covered(problem.windows)
-    material = _Material(simulator, problem, run, order, _time(problem), _firsts(problem))
+    material = _Material(simulator, problem, run, order, structure)
     asked = tuple(effects)
     places = [
         (placed, effect in asked)
@@ -324,13 +324,13 @@ def weights_of(n: int, entries: dict) -> tuple[float, ...]:
 class _Material:
     """Signals along a run, from which settings are taken; computed once for all hypotheses."""
 
-    def __init__(self, simulator: Simulator, problem: Problem, run: Run, order, time, first):
-        self.simulator, self.u, self.run = simulator, problem.u[order], run
+    def __init__(self, simulator: Simulator, problem: Problem, run: Run, order, structure: Structure):
+        self.simulator, self.u, self.run, self.structure = simulator, problem.u[order], run, structure
         self.residual = np.nan_to_num(problem.y - run.y)
-        self.order, self.time, self.first = order, time, first
+        self.order, self.time, self.first = order, _time(problem), _firsts(problem)
         x = run.x[order]
         rates = np.empty_like(x)
-        edges = [*first.tolist(), len(order)]
+        edges = [*self.first.tolist(), len(order)]
         for a, b in pairwise(edges):
             rates[a:b] = np.gradient(x[a:b], simulator.dt, axis=0) if b - a > 1 else 0.0
         self.x, self.rates = x, rates
@@ -345,6 +345,8 @@ class _Material:
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
             argument, rate = self.x @ weights, self.rates @ weights
             own = rate if placed.inertial else own
+            if placed.through >= 0:  # what is added to the input is counted in its unit
+                own = own / self.structure.gain[index, placed.through]
         else:
             argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)

@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
     argument: np.ndarray  # at an input or output port: the signal itself
     rate: np.ndarray  # d(argument)/dt
-    own: np.ndarray  # at a state port: the rate of the port's state as the simulator has it; else the signal
+    own: np.ndarray  # at a state port its rate, beside an input in the unit of that; else the signal
     second: np.ndarray | None  # the second argument, when there is one
     time: np.ndarray  # seconds since the session began
     dt: float
