@@ -11,7 +11,6 @@ from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import likeliest
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.ranking import leaders
@@ -126,11 +125,6 @@ class TestLag:
         T, _, d = found.effects[0].theta
         assert (T, d) == pytest.approx((0.07, 1.0), rel=0.02)
         assert found.n_values == late.n_values
-        # a criterion that tells nothing tells for what has no other form, one that does for what fits
-        near = Candidate(late.fit._replace(cost=found.fit.cost + 1.0), late.n_samples)
-        far = Candidate(late.fit._replace(cost=found.fit.cost + 20.0), late.n_samples)
-        assert likeliest([found, near], 100 * found.fit.cost) is near
-        assert likeliest([found, far], 100 * found.fit.cost) is found
 
 
 class TestBacklash:

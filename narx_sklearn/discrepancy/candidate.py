@@ -40,11 +40,6 @@ class Candidate:
         return self.fit.model.p.size + sum(placed.n_values for placed in self.effects)
 
     @property
-    def n_forms(self) -> int:
-        """Number of its effects that may be built in more than one way."""
-        return sum(e.effect.form is not None for e in self.effects)
-
-    @property
     def n_parameters(self) -> int:
         """Number of global parameters that the data can feel."""
         return self.fit.model.p.size + self.felt.shape[1]

@@ -30,9 +30,9 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     at home there; so it is where the best needs more parameters and adds next to nothing to what it explains,
     since forms are idealised and strong effects show it. Else natural is an effect made for the unit of its
     argument (gravity for an angle, where it is at home), if the data tell its parameters apart (gravity at
-    one angle is a constant load), then fewer parameters, then what is built in one way. An outflow of a level
-    goes before the constant one that it holds, and of two names for one law the likelier, however many
-    parameters it has. Of two places of one effect the one that signals pass first is told.
+    one angle is a constant load), then fewer parameters. An outflow of a level goes before the constant one
+    that it holds, and of two names for one law the likelier, however many parameters it has. Of two places
+    of one effect the one that signals pass first is told.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
 
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if any(c is best for c in alike):
-        chosen = min(alike, key=lambda c: (not at_home(c), c.n_values, c.n_forms, c.criterion))
+        chosen = min(alike, key=lambda c: (not at_home(c), c.n_values, c.criterion))
     else:
         chosen = likeliest(alike, unexplained)
     better = [c for c in candidates if _is_better_name(c, chosen)]
