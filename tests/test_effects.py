@@ -32,9 +32,8 @@ from narx_sklearn.physics.effects import (
 from narx_sklearn.physics.effects._clearance import _plays_run, _stiction_run
 from narx_sklearn.physics.effects._dynamics import (
     _along_parabolas,
-    _digital_lag_run,
+    _average_run,
     _following_run,
-    _held_lag_run,
 )
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
 from narx_sklearn.physics.effects._hysteresis import (
@@ -805,8 +804,8 @@ class TestTransforms:
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.8)),
-            (_held_lag_run, (0.9, 0.3)),
-            (_digital_lag_run, (0.9, 0.3)),
+            (_average_run, (0.9, 0.3, 1)),
+            (_average_run, (0.9, 0.3, 0)),
             (_following_run, (*SWINGING, 0.3)),
         ],
     )

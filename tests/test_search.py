@@ -19,20 +19,20 @@ from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 
+def run_and_hypotheses(problem, found, asked, unasked=()):
+    """Return the states of a fit's run inside the windows, and the hypotheses about it."""
+    run = problem.run(found.model)
+    inside = problem.rows[problem.inside]
+    structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
+    return run.x[inside], enumerate_hypotheses(asked, problem, found.model, run, structure, unasked)
+
+
 class TestAsked:
     def bank(self, unasked):
         problem, start = axis_problem([friction(0.3)])
         found = fit(problem, start)
-        run = problem.run(found.model)
-        inside = problem.rows[problem.inside]
-        structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
-        asked = [CATALOGUE["gain_drift"]]
-        bank = make_bank(
-            problem,
-            found,
-            enumerate_hypotheses(asked, problem, found.model, run, structure, unasked),
-        )
-        return problem, found, bank
+        _, hypotheses = run_and_hypotheses(problem, found, [CATALOGUE["gain_drift"]], unasked)
+        return problem, found, make_bank(problem, found, hypotheses)
 
     def test_what_nobody_asks_for_takes_up_structure_but_is_not_named(self):
         problem, _, few = self.bank([])
@@ -153,17 +153,11 @@ class TestLimits:
         """A ripple has a period in the travel; a fit that would rather have a longer one stays there."""
         problem, start = axis_problem([friction(0.3)])
         found = fit(problem, start)
-        run = problem.run(found.model)
-        inside = problem.rows[problem.inside]
-        structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
         asked = [CATALOGUE[code] for code in ("cogging", "creep", "periodic_disturbance")]
-        placed = {
-            h.placed.effect.code: h.placed
-            for h in enumerate_hypotheses(asked, problem, found.model, run, structure)
-            if h.placed.port == Port("state", 1)
-        }
+        x, hypotheses = run_and_hypotheses(problem, found, asked)
+        placed = {h.placed.effect.code: h.placed for h in hypotheses if h.placed.port == Port("state", 1)}
         time = 1500 * problem.simulator.dt
-        slowest = 2 * np.pi / np.ptp(np.quantile(run.x[inside][:, 0], [0.02, 0.98]))
+        slowest = 2 * np.pi / np.ptp(np.quantile(x[:, 0], [0.02, 0.98]))
         assert placed["cogging"].bounds[1] == pytest.approx([slowest, np.inf], rel=0.01)
         assert placed["creep"].bounds[1] == pytest.approx([0.0, time], rel=0.01)
         assert placed["periodic_disturbance"].bounds[1] == pytest.approx([6 * np.pi / time, np.inf], rel=0.01)

@@ -178,11 +178,10 @@ def _reach(commands, k, t, dt, h, effects, memory, out):
 
 @njit(cache=True, nogil=True)
 def _read(x, k, dt, n_fine, measured, effects, memory, raw, out):
-    """Write the readings of sample `k`; `raw` keeps at all fine steps what they are before a delay."""
+    """Write the readings of sample `k`; `raw` has what they were before a delay, at all fine steps so far."""
     t = k * dt
     for j in range(measured.size):
         y = x[measured[j]]
-        raw[k * n_fine, j] = y
         for e in range(effects.code.size):
             if effects.kind[e] != Kind.output or effects.index[e] != j:
                 continue
@@ -239,13 +238,14 @@ def run_hidden(plant, c, x0, u, noise, steps, measured, loop, effects, memory, d
     states = np.empty((n, n_states))
     clean = np.empty((n, measured.size))
     noisy = np.empty((n, measured.size))
-    raw = np.empty((n * n_fine, measured.size))
+    raw = np.empty((n * n_fine + 1, measured.size))
     used = u.copy()
     x = x0.copy()
     reached = np.empty(u.shape[1])
     work = np.empty((10, n_states))
     h = dt / n_fine
     total, last = 0.0, 0.0
+    raw[0] = x[measured]
     for k in range(n):
         states[k] = x
         _read(x, k, dt, n_fine, measured, effects, memory, raw, clean[k])
@@ -262,10 +262,10 @@ def run_hidden(plant, c, x0, u, noise, steps, measured, loop, effects, memory, d
             used[k, 0] = loop[5] + min(max(command, -loop[4]), loop[4])
         for s in range(n_fine):
             t = k * dt + s * h
-            for j in range(measured.size):
-                raw[k * n_fine + s, j] = x[measured[j]]
             _reach(used, k, t, dt, h, effects, memory, reached)
             _fine_step(plant, x, reached, t, h, c, effects, memory, work)
+            for j in range(measured.size):
+                raw[k * n_fine + s + 1, j] = x[measured[j]]
         if not _within(x):
             states[k + 1 :] = np.nan
             clean[k + 1 :] = np.nan

@@ -83,12 +83,15 @@ def _delay_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _held_lag_run(values, decay, lacking):
-    """Return where a lag of held values stands at each sample; it lacks a share of the first at first."""
+def _average_run(values, decay, lacking, late):
+    """Return the exponential average of samples, up to each of them; it lacks a share of the first at first.
+
+    One sample ``late`` it is where a lag of held values stands at each sample.
+    """
     out = np.empty(values.size)
     out[0] = values[0] * (1.0 - lacking)
     for k in range(1, values.size):
-        out[k] = decay * out[k - 1] + (1.0 - decay) * values[k - 1]
+        out[k] = decay * out[k - 1] + (1.0 - decay) * values[k - late]
     return out
 
 
@@ -155,19 +158,9 @@ def _from_sample_to_sample(curved, signal, dt, theta, first):
     return by_pieces(run, signal, first)
 
 
-@kernel
-def _digital_lag_run(values, decay, lacking):
-    """Return the exponential average of samples, up to each of them."""
-    out = np.empty(values.size)
-    out[0] = values[0] * (1.0 - lacking)
-    for k in range(1, values.size):
-        out[k] = decay * out[k - 1] + (1.0 - decay) * values[k]
-    return out
-
-
 def _digital_lag(signal, dt, theta, first):
     decay = np.exp(-dt / max(theta[0], SHORT * dt))
-    return by_pieces(_digital_lag_run, signal, first, decay, theta[1])
+    return by_pieces(_average_run, signal, first, decay, theta[1], 0)
 
 
 def _lag_curved(signal, middle, end, dt, theta, first):
@@ -189,7 +182,7 @@ def _lag_held(signal, dt, theta, first):
 def _analog_lag_held(signal, dt, theta, first):
     """Follow each value of a held signal exponentially."""
     ratio = dt / max(theta[0], SHORT * dt)
-    behind = by_pieces(_held_lag_run, signal, first, np.exp(-ratio), theta[1]) - signal
+    behind = by_pieces(_average_run, signal, first, np.exp(-ratio), theta[1], 1) - signal
     mean = -np.expm1(-ratio) / ratio
     # first moment of the decay about the middle of the step, as a series where it would cancel
     series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))
