@@ -29,8 +29,9 @@ from benchmarks.concealed.plants.inputs import act  # noqa: E402
 from benchmarks.concealed.plants.integrate import UNFORCED, run_nominal  # noqa: E402
 from benchmarks.concealed.plants.sensors import sense  # noqa: E402
 from benchmarks.concealed.score import clearly_missed, score  # noqa: E402
-from benchmarks.concealed.sealing import read_json, sha256  # noqa: E402
+from benchmarks.concealed.sealing import read_json, sha256, write_json  # noqa: E402
 from benchmarks.concealed.specs import Concealed, Spec  # noqa: E402
+from benchmarks.concealed.twins import chance_of_truth, could_be_told, nearest_twin  # noqa: E402
 
 FOLDER = ROOT / "benchmarks" / "concealed"
 MAY_IMPORT_THE_PACKAGE = {"diagnose.py"}  # the only file that meets the diagnosis
@@ -280,6 +281,52 @@ def test_a_proposed_experiment_is_run_beside_a_random_one_of_equal_energy(tmp_pa
     np.testing.assert_allclose(inputs[0], proposed[:, 0])
     assert np.std(inputs[1]) == pytest.approx(np.std(inputs[0]), rel=0.02)
     assert np.abs(inputs[1] - inputs[0].mean()).max() <= np.abs(inputs[0] - inputs[0].mean()).max() + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("distance", "n_more", "chance"),
+    [
+        (2.0, 0, 0.841345),  # the ratio of likelihoods is two of its deviations of two ahead of nothing
+        (0.0, 1, 1.0),  # of two that are the same the shorter one is told
+        (0.0, 0, 0.5),
+        (0.0, -1, 0.0),
+        (np.inf, -1, 1.0),
+    ],
+)
+def test_an_oracle_chooses_between_two_forms_by_their_likelihood(distance, n_more, chance):
+    assert chance_of_truth(distance, n_more, 1000) == pytest.approx(chance, abs=1e-6)
+
+
+def test_a_form_is_its_own_twin_holds_its_special_case_and_is_far_from_others():
+    machine = MACHINES["mass_spring_damper"]
+    rubbing = Concealed(Code.coulomb_friction, machine.sites[Code.coulomb_friction][0], 1.0)
+    rig = rig_for(machine.name, effects=((rubbing, np.array([0.5, *[0.0] * 7])),), duration=400 * machine.dt)
+    u = rig.command("prfs", 400, np.random.default_rng(0))
+    clean = rig.record(u, np.random.default_rng(0)).clean
+    sigma = np.full(1, 0.01 * np.std(clean))
+    own, falling, delayed = (
+        nearest_twin(rig, u, clean, sigma, code)
+        for code in (Code.coulomb_friction, Code.stribeck_friction, Code.delay)
+    )
+    assert own.distance < 0.1
+    assert own.n_numbers == 1
+    assert falling.distance < 0.1
+    assert falling.n_numbers == 3
+    assert delayed.distance > 10.0
+
+
+def test_what_an_oracle_would_name_is_told_by_stratum_and_noise(tmp_path):
+    (name,) = make(["T8"], [0], tmp_path, n_samples=600, effects=["gravity"])["cases"]
+    finding = {"effect": "gravity", "port": "state:1", "lookalikes": ["cubic_stiffness"]}
+    (tmp_path / "verdicts").mkdir()
+    file = tmp_path / "verdicts" / f"{name}.json"
+    write_json(file, {"verdict": "ambiguous", "findings": [finding]})
+    write_json(tmp_path / "verdicts.json", {file.name: sha256(file)})
+    rivals, told = could_be_told(tmp_path)
+    assert rivals[["truth", "rival"]].to_numpy().tolist() == [["gravity", "cubic_stiffness"]]
+    assert told["first_right"].tolist() == [1.0]
+    sees = read_json(tmp_path / "truth" / f"{name}.json")["oracle"]["z_in_colour"] > 5
+    assert told["oracle_right"].tolist() == pytest.approx([sees * rivals["chance"][0]])
 
 
 @pytest.mark.long

@@ -107,6 +107,14 @@ def _baselines(options):
     return 0
 
 
+def _twins(options):
+    from benchmarks.concealed.twins import could_be_told
+
+    _, told = could_be_told(options.out, n_jobs=options.jobs)
+    print(told.to_string(index=False, float_format="%.3f"))
+    return 0
+
+
 def _score(options):
     from benchmarks.concealed.figures import draw_cases, draw_score
     from benchmarks.concealed.score import clearly_missed, score
@@ -136,6 +144,7 @@ _STEPS = {
     "experiment": _experiment,
     "baselines": _baselines,
     "score": _score,
+    "twins": _twins,
     "small": _small,
 }
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-__all__ = ["NOISES", "draw_noise", "stands_out"]
+__all__ = ["NOISES", "draw_noise", "stands_out", "whitened"]
 
 POLE = 0.9  # of the coloured noise
 NOISES = ("white", "ar1", "drifting", "quantised")
@@ -21,11 +21,16 @@ def draw_noise(kind, n, n_outputs, rng):
     return 0.3 * white if kind == "quantised" else white
 
 
+def whitened(signal, kind):
+    """Return a signal as it is when noise of unit rms is made white; a drift is taken for white."""
+    if kind == "ar1":
+        signal = lfilter([1.0, -POLE], [1.0], signal, axis=0)[1:] / np.sqrt(1.0 - POLE**2)
+    return signal
+
+
 def stands_out(signal, kind):
     """Return by how many standard errors a signal, known but for its size, stands out of noise of unit rms.
 
     The colour of the noise is known too; a drift is taken for white, which flatters.
     """
-    if kind == "ar1":
-        signal = lfilter([1.0, -POLE], [1.0], signal, axis=0)[1:] / np.sqrt(1.0 - POLE**2)
-    return float(np.sqrt(np.sum(signal**2)))
+    return float(np.sqrt(np.sum(whitened(signal, kind) ** 2)))
