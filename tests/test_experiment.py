@@ -1,5 +1,7 @@
 """The experiment that separates rivals: where it begins, and how far it goes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,18 +14,19 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit, fit_states
+from narx_sklearn.discrepancy.rivals import find_rivals
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 
-def tank(power):
+def tank(power, **idle):
     def level(x, u, p):
         return (p[0] * u[0] - p[1] * max(x[0], 0.0) ** power,)
 
     return ODESimulator(
         level,
         dt=0.5,
-        parameters={"gain": 0.2, "outlet": 0.4},
+        parameters={"gain": 0.2, "outlet": 0.4, **idle},
         states=["level [m]"],
         inputs=["pump [V]"],
     )
@@ -75,6 +78,33 @@ def test_beyond_doubt_the_input_that_tells_most_of_everything_is_proposed():
     chosen = plan.table.set_index("design").loc[plan.kind]
     assert chosen["information"] == certain["information"].max()
     assert plan.separation == chosen["separation"]
+
+
+@pytest.mark.filterwarnings("ignore:.*compile")
+def test_a_parameter_that_no_input_shows_tells_neither_much_nor_little():
+    about = {"noise": Noise.white(np.array([1e-3])), "amplitude": 3.0, "n_samples": 1000, "offset": 4.0}
+    about["random_state"] = 0
+    without, idle = (
+        design_experiment({"root": tank(0.5, **more), "linear": tank(1.0, **more)}, **about).table
+        for more in ({}, {"idle": 3.0})
+    )
+    assert np.isfinite(without["information"]).all()
+    assert idle["information"].to_numpy() == pytest.approx(without["information"].to_numpy())
+
+
+def explained_by(*places):
+    """Return a diagnosis of which nothing but its explanations' names and places matters, the best first."""
+    sets = ((PlacedEffect(CATALOGUE[code], port),) for code, port in places)
+    best, *rivals = (SimpleNamespace(effects=effects) for effects in sets)
+    return SimpleNamespace(best=best, alternatives=(tuple(rivals),), steps=())
+
+
+def test_an_experiment_is_asked_what_acts_before_it_is_asked_where():
+    into, out = Port("input", 0), Port("output", 0)
+    several = explained_by(("delay", into), ("delay", out), ("lag", into), ("lag", out), ("backlash", into))
+    assert list(find_rivals(several)) == ["delay at input:0", "lag at input:0", "backlash at input:0"]
+    places = explained_by(("lag", into), ("lag", out))
+    assert list(find_rivals(places)) == ["lag at input:0", "lag at output:0"]
 
 
 def test_the_middle_of_an_input_is_zero_where_it_was_meant_to_be():
@@ -131,6 +161,12 @@ class TestNestedRivals:
         nested = design_experiment(rivals, **about, nested={("by direction", "plain")}, n_jobs=2)
         assert both_ways.separation < 0.5
         assert nested.separation > ALLOWED
+        assert both_ways.chance == chance(both_ways.separation)
+        # the truth may lie anywhere between the two
+        shares = np.linspace(0.025, 0.975, 20)
+        expected = np.mean([chance(share * nested.separation) for share in shares])
+        assert nested.chance == pytest.approx(expected)
+        assert nested.chance < chance(nested.separation)
         assert nested.pairs == ("plain / by direction",)
         mutual = {("by direction", "plain"), ("plain", "by direction")}
         assert design_experiment(rivals, **about, nested=mutual).separation == both_ways.separation

@@ -318,6 +318,24 @@ class TestLookAlikes:
         )
         assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
 
+    @pytest.mark.parametrize(("unit", "stays"), [("rad", False), ("m", True)])
+    def test_a_ripple_that_came_to_one_wave_a_turn_is_a_weight_where_that_is_at_home(self, unit, stays):
+        turning = PlacedEffect(CATALOGUE["gravity"], Port("state", 1), (1.0, 0.0), theta=(0.3, 0.2))
+        problem, start = axis_problem([turning])
+        base = fit(problem, start)
+        about = {"argument_unit": unit, "argument_name": "angle"}
+        weight = replace(turning, **about)
+        ripple = PlacedEffect(
+            CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(-0.3, 1.0, 0.2, 0.0), **about
+        )
+        weight, ripple = (
+            Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (weight, ripple)
+        )
+        ordinary = {ripple.effects[0].place: np.array([[-0.3, 1.0, 0.2, 0.0]])}
+        found = look_alikes(problem, weight, [ripple], 0.0, ordinary)
+        assert any(c is ripple for c in found) == stays
+
     def test_two_pairs_may_hold_each_other(self):
         problem, (plain, falling), _ = self.candidates(size=0.3)
         pairs = []

@@ -25,6 +25,7 @@ NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both 
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
 AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
+SHARES = 20  # of the farthest that an explanation may be from its special case, evenly
 LOST = 5.0  # times as long as a run follows an unstable machine, after which it is far from anything
 
 
@@ -40,7 +41,8 @@ class Experiment(NamedTuple):
     separation : float
         Distance of the worst pair in standard deviations of the noise, after everything else was refitted.
     chance : float
-        Chance that the worst pair is then told apart.
+        Chance that the pair least likely to be told apart then is; where one explanation holds the other as a
+        special case, averaged over how far from it the truth may be.
     table : DataFrame
         All designs tried, by separation.
     pairs : tuple of str
@@ -73,9 +75,10 @@ def design_experiment(
 
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
     refitted to the other's output (to first order), over the noise. What holds its rival as a special case
-    can do all that this one does, so there only the other way counts. The design wins that tells most pairs
-    apart, each counted with its chance. Among designs that are as good it is the one that tells most of all
-    parameters (the determinant of their information is largest), for the truth may be none of the rivals.
+    can do all that this one does, so there only the other way counts, and the truth may be anywhere between
+    the special case and what was passed. The design wins that tells most pairs apart, each counted with its
+    chance. Among designs that are as good it is the one that tells most of all parameters (the determinant of
+    their information is largest), for the truth may be none of the rivals.
 
     Parameters
     ----------
@@ -105,6 +108,9 @@ def design_experiment(
     base = np.zeros(len(some.inputs)) if held is None else np.array(held, dtype=float)
     base[column] = offset
     starts = {name: _settled(simulator, base, n_samples) for name, simulator in simulators.items()}
+    of_a_share = {
+        f"{a} / {b}" for a, b in combinations(simulators, 2) if ((a, b) in nested) != ((b, a) in nested)
+    }
 
     def tried(kind: str, shape: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
         u = np.tile(base, (n_samples, 1))
@@ -118,8 +124,14 @@ def design_experiment(
             ]
             distances[f"{a} / {b}"] = min(way.noises for way in ways)
             told += sum(way.information for way in ways)
-        worst = min(distances.values())
-        facts = {"design": kind, "separation": worst, "chance": chance(worst), "information": told}
+        chances = _chances(distances, of_a_share)
+        facts = {
+            "design": kind,
+            "separation": min(distances.values()),
+            "chance": min(chances),
+            "expected": round(sum(chances), AS_GOOD),
+            "information": told,
+        }
         return u, facts | distances
 
     designs = _designs(some, starts[next(iter(simulators))], base, n_samples, random_state)
@@ -127,9 +139,8 @@ def design_experiment(
     if not found:
         raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
     table = pd.DataFrame([facts for _, facts in found])
-    pairs = tuple(table.columns[4:])
-    told_apart = table[list(pairs)].map(chance).sum(axis=1).round(AS_GOOD)
-    chosen = max(table.index, key=lambda k: (told_apart[k], table["information"][k]))
+    pairs = tuple(table.columns[5:])
+    chosen = max(table.index, key=lambda k: (table["expected"][k], table["information"][k]))
     lost = not table[list(pairs)].to_numpy().any()
     u, facts = found[chosen]
     with np.errstate(all="ignore"):
@@ -161,6 +172,15 @@ def chance(separation: float) -> float:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(norm.cdf(np.divide(separation, 2.0) - np.divide(HARDLY, 2.0 * separation)))
+
+
+def _chances(distances: dict[str, float], of_a_share: Collection[str]) -> list[float]:
+    """Return the chance of each pair to be told apart; of some their distance is the farthest that may be."""
+    shares = (np.arange(SHARES) + 0.5) / SHARES
+    return [
+        float(np.mean([chance(d * share) for share in shares])) if pair in of_a_share else chance(d)
+        for pair, d in distances.items()
+    ]
 
 
 def _settled(simulator: Simulator, u: np.ndarray, n: int) -> np.ndarray:
@@ -220,7 +240,7 @@ class Distance(NamedTuple):
     """How far a rival, refitted, stays from another's output."""
 
     noises: float  # in standard deviations of the noise
-    information: float  # logarithm of the determinant of the information on the rival's parameters
+    information: float  # logarithm of the determinant of what is known of the rival's parameters then
 
 
 def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, start: np.ndarray, noise: Noise) -> Distance:
@@ -234,8 +254,11 @@ def _distance(truth: Simulator, rival: Simulator, u: np.ndarray, start: np.ndarr
     found = fit(problem, Model(rival.nominal, rival.effects, x0), iterations=6)
     if not np.isfinite(found.cost):
         return Distance(0.0, -np.inf)
-    columns = found.jacobian.reshape(-1, found.jacobian.shape[2])
-    return Distance(float(np.sqrt(found.cost)), float(np.linalg.slogdet(columns.T @ columns)[1]))
+    # a parameter is known within its own size before: so one that nothing shows tells neither much nor little
+    size = np.where(found.model.q != 0, np.abs(found.model.q), 1.0)
+    columns = found.jacobian.reshape(-1, size.size) * size
+    known = np.eye(size.size) + columns.T @ columns
+    return Distance(float(np.sqrt(found.cost)), float(np.linalg.slogdet(known)[1]))
 
 
 def confusability(

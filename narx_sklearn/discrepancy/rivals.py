@@ -29,7 +29,7 @@ def find_rivals(diagnosis: Diagnosis, between: list[str] | None = None) -> dict[
     """
     tried = [candidate for step in diagnosis.steps for candidate in step.candidates]
     if between is None:
-        pool = [diagnosis.best, *(c for rivals in diagnosis.alternatives for c in rivals)]
+        pool = _once_a_name([diagnosis.best, *(c for rivals in diagnosis.alternatives for c in rivals)])
         wanted = min(max(len(pool), 2), MOST_RIVALS)
         pool += sorted(tried, key=lambda c: c.criterion)
     else:
@@ -45,6 +45,17 @@ def find_rivals(diagnosis: Diagnosis, between: list[str] | None = None) -> dict[
             "between=[...] with two codes, or see confusability() for a design before any data."
         )
     return chosen
+
+
+def _once_a_name(candidates: list[Candidate]) -> list[Candidate]:
+    """Return the first candidate of each set of names, or all of them where they are all of one.
+
+    Where the same acts is another question than what it is.
+    """
+    first: dict[frozenset[str], Candidate] = {}
+    for candidate in candidates:
+        first.setdefault(frozenset(effect.effect.code for effect in candidate.effects), candidate)
+    return list(first.values()) if len(first) > 1 else candidates
 
 
 def _best_with(code: str, tried: list[Candidate]) -> Candidate:
