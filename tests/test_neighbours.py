@@ -122,6 +122,7 @@ def test_two_bodies_that_stick_together_move_as_one():
     np.testing.assert_allclose(x[:, 3], x[:, 1], atol=1e-9)
 
 
+@pytest.mark.long
 def test_dry_friction_of_a_strut_is_named_and_located_between_body_and_wheel():
     def rubbing(x, u, p):
         dry = 150.0 * np.tanh((x[3] - x[1]) / 1e-3)

@@ -70,6 +70,7 @@ def test_a_run_that_only_finer_steps_keep_finite_is_told_so():
     assert too_coarse(hopeless, at_measured(hopeless)) is None
 
 
+@pytest.mark.long
 def test_the_error_of_long_steps_is_sold_as_no_physics_and_the_advice_ends_it():
     u, y = recorded(18.0)
     effects = ["delay"]  # which would be explained: what a long step does comes as if it were late

@@ -184,6 +184,7 @@ def test_what_always_acts_is_said_to_act_always():
     assert (dx.location_.segments["effect"] == "").all()
 
 
+@pytest.mark.long
 def test_what_begins_and_stays_has_no_end_unless_it_ended_unseen():
     u, y = rubbed(2400, 1150, 2400)
     effects = ["coulomb_friction", "constant_load"]
@@ -227,6 +228,7 @@ def test_what_is_not_defined_outside_its_time_does_no_harm_there():
     np.testing.assert_array_equal(make().with_effects([never]).simulate(u), make().simulate(u))
 
 
+@pytest.mark.long
 def test_the_halves_and_the_middle_are_tried_where_no_stretch_stands_out(monkeypatch):
     u = drive(1000)
     problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
