@@ -166,10 +166,10 @@ class TestDrift:
 
 
 class TestSlowAndLate:
-    def recording(self, effect, loud_from=0, n=1500, seed=3):
+    def recording(self, *effects, loud_from=0, n=1500, seed=3):
         u = levels(np.random.default_rng(seed), n)
         u[:loud_from] *= 0.3
-        y = make_circuit().with_effects([effect]).simulate(u)
+        y = make_circuit().with_effects(effects).simulate(u)
         return u, y + 0.02 * np.std(y) * np.random.default_rng(seed + 1).normal(size=y.shape)
 
     def test_a_limit_that_is_met_at_the_end_only_is_found(self):
@@ -180,6 +180,31 @@ class TestSlowAndLate:
         assert found.findings_[0].effect == "sensor_clip"
         assert "the beginning was held out instead" in found.report_
         assert found.scores_.loc["augmented", "nrmse"] < 1.05 * found.scores_.loc["refitted", "nrmse"]
+
+    def test_a_limit_that_is_met_at_the_end_only_is_found_beside_what_always_acts(self):
+        limit = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-4.0, 4.0))
+        line = PlacedEffect(
+            CATALOGUE["periodic_disturbance"], Port("state", 1), (0.0, 1.0), theta=(1.0, 9.0, 0.5)
+        )
+        u, y = self.recording(line, limit, loud_from=1230)
+        effects = ["sensor_clip", "periodic_disturbance", "cubic_stiffness"]
+        found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
+        assert {finding.effect for finding in found.findings_} == {"sensor_clip", "periodic_disturbance"}
+        assert found.verdict_ == "explained"
+        assert "the beginning was held out instead" in found.report_
+
+    def test_names_that_leave_much_of_either_end_are_no_explanation(self, monkeypatch):
+        """Where a second look ends no better, the first one stands as it was."""
+        line = PlacedEffect(
+            CATALOGUE["periodic_disturbance"], Port("state", 1), (0.0, 1.0), theta=(1.0, 9.0, 0.5)
+        )
+        u, y = self.recording(line)
+        monkeypatch.setattr(DiscrepancyRegressor, "_left_over_there", lambda self, held: 3.0)
+        found = DiscrepancyRegressor(make_circuit(), effects=["periodic_disturbance"], random_state=0)
+        found.fit(u, y)
+        assert found.verdict_ == "unknown"
+        assert "the beginning was held out" not in found.report_
+        assert found.held_out_["stop"].tolist() == [len(u)]
 
     def test_an_offset_is_no_drifting_noise(self):
         bias = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.06,))

@@ -90,8 +90,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         unstable mode.
     test_fraction : float, default=0.2
         Last share of each session kept out of every decision, for the verification (but whether what began
-        and stayed still acts there). Where nothing is missing before it, a second look keeps out the first
-        share instead: a limit may be met at the end only.
+        and stayed still acts there). Where nothing is missing before it, or what was found leaves more of it
+        than elsewhere, a second look keeps out the first share instead: a limit may be met at the end only.
     random_state : int, default=0
         Seed of the sign flips and of the bootstrap.
     n_jobs : int, optional
@@ -236,15 +236,6 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         spikes = self._spikes(simulator, u, measured, sessions, settings)
         self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
         measured = np.where(spikes, np.nan, measured)
-        diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
-        self.data_findings_ = still_standing(
-            self.data_findings_,
-            diagnosis.problem,
-            diagnosis.base_run.y,
-            diagnosis.problem.run(diagnosis.best.fit.model).y,
-        )
-        diagnosis, of_steps = mind_steps(diagnosis, self.n_jobs)
-        self.data_findings_ += of_steps
         self._one_output = np.ndim(y) == 1
         self.n_features_in_ = u.shape[1]
         labels = column_labels(X)
@@ -252,7 +243,17 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.feature_names_in_ = np.array(labels, dtype=object)
         self._mean_input = np.nanmean(u, axis=0)
         self._middle_input = middle_of(u)
-        self._store(diagnosis, u, measured, self._split(u, sessions).held_out)
+        of_record = self.data_findings_
+        diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
+        self._conclude(diagnosis, u, measured, sessions, of_record)
+        if self._left_there > STANDS_IN and not self._late_only:
+            self._tell("a second look: what these names lack may show at the end only")
+            before = vars(self).copy()
+            second = self._second_look(simulator, u, measured, sessions, settings)
+            if second.is_named:
+                self._conclude(second, u, measured, sessions, of_record)
+            if self.verdict_ == "unknown":
+                vars(self).update(before)
         return self
 
     def predict(self, X, y_init=None, sessions=None):
@@ -416,11 +417,23 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if first.verdict not in NOTHING_MISSING or not held_out:
             return first
         self._tell("a second look, at the samples held out")
-        self._late_only = True
-        settings = replace(settings, alpha=SECOND_LOOK * settings.alpha)
-        second = diagnose(simulator, u, y, self._split(u, sessions).fitting, settings)
+        second = self._second_look(simulator, u, y, sessions, settings)
         self._late_only = second.verdict not in NOTHING_MISSING
         return second if self._late_only else first
+
+    def _second_look(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
+        """Return the diagnosis of a record whose beginning is held out, in place of its end."""
+        self._late_only = True
+        settings = replace(settings, alpha=SECOND_LOOK * settings.alpha)
+        return diagnose(simulator, u, y, self._split(u, sessions).fitting, settings)
+
+    def _conclude(self, diagnosis: Diagnosis, u, y, sessions, of_record) -> None:
+        """Store a diagnosis, and of what was found in the record itself what still stands beside it."""
+        problem, best = diagnosis.problem, diagnosis.best.fit.model
+        standing = still_standing(of_record, problem, diagnosis.base_run.y, problem.run(best).y)
+        diagnosis, of_steps = mind_steps(diagnosis, self.n_jobs)
+        self.data_findings_ = [*standing, *of_steps]
+        self._store(diagnosis, u, y, self._split(u, sessions).held_out)
 
     @property
     def _nearest(self) -> int:

@@ -152,7 +152,9 @@ def _scores(dx) -> list[str]:
     if adding_up := what_adds_up(dx):
         lines.append(f"   {adding_up}")
     if dx._late_only:
-        lines.append("   What is missing shows near the end only, so the beginning was held out instead.")
+        lines.append(
+            "   Something that is missing shows near the end only, so the beginning was held out instead."
+        )
     if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
         lines.append(
             "   Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
