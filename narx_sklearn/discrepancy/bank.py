@@ -137,19 +137,31 @@ def entered(problem: Problem, fit: Fit, base, *placed: PlacedEffect) -> Model:
     if not fit.model.q.size:
         return as_it_was
     columns = [effect_column(problem, fit, base, effect) for effect in placed]
-    column = fit.projector(np.sum(columns, axis=0)).ravel()
-    J = fit.jacobian.reshape(column.size, -1)
-    size = np.linalg.norm(J, axis=0)
-    size[size == 0] = 1.0
-    taken = np.linalg.lstsq(J / size, column, rcond=1e-9)[0] / size
-    lower, upper = all_bounds(problem, fit.model).T
-    moved = fit.model.with_q(np.clip(fit.model.q - taken, lower, upper))
+    moved = moved_for(problem, fit, -np.sum(columns, axis=0), np.arange(fit.model.q.size))
 
     def left(model: Model) -> float:
         residual = problem.residual(problem.run(model))
         return float(np.sum(fit.projector(residual) ** 2)) if np.isfinite(residual).all() else np.inf
 
     return min(as_it_was, moved._replace(effects=(*moved.effects, *placed)), key=left)
+
+
+def moved_for(problem: Problem, fit: Fit, change: np.ndarray, index: np.ndarray) -> Model:
+    """Return a fitted model in which some parameters make a change, (W, T), as far as tangents let them.
+
+    Parameters
+    ----------
+    index : ndarray of int
+        Which of the global parameters move.
+    """
+    wanted = fit.projector(change).ravel()
+    J = fit.jacobian[:, :, index].reshape(wanted.size, -1)
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0] = 1.0
+    q = fit.model.q
+    q[index] += np.linalg.lstsq(J / size, wanted, rcond=1e-9)[0] / size
+    lower, upper = all_bounds(problem, fit.model).T
+    return fit.model.with_q(np.clip(q, lower, upper))
 
 
 def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[np.ndarray, int]:

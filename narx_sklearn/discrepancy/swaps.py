@@ -5,7 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.bank import directions, effect_column, make_bank, off
+from narx_sklearn.discrepancy.bank import (
+    directions,
+    effect_column,
+    make_bank,
+    moved_for,
+    off,
+)
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.explain import FINE
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
@@ -38,8 +44,7 @@ def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[
             is_new = len(places) > len(kept) and places not in known
             if other.port == member.port and (related or as_good) and is_new:
                 known.add(places)
-                model = best.fit.model._replace(effects=(*kept, other))
-                found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+                found.append(_swapped(problem, best, i, other))
     return found
 
 
@@ -54,32 +59,47 @@ def swaps(
 
     Where an effect moves the run far, what is seen from the run without it tells little of its shape, and a
     fit from there may end in another valley. About the fitted set the run is right: an effect that is as
-    good a name must change it there as the member does, at some strength and from one of its starts. Those
-    that the pool already knows to fit as well as that promises are left out.
+    good a name must change it there as the member does, wherever it acts, at some strength and from one of
+    its starts. Those that the pool already knows to fit as well as that promises are left out.
     """
     known: dict[frozenset, float] = {}
     for candidate in sorted(pool, key=lambda c: -c.fit.cost):
         known[frozenset(candidate.places)] = candidate.fit.cost
-    models = []
+    tried = []
     for i, own in enumerate(best.fit.model.theirs):
         member, kept = best.effects[i], (*best.effects[:i], *best.effects[i + 1 :])
         rivals = [h for h in hypotheses if _may_replace(h, member, best, kept)]
         for left, rival in _alike(problem, best, member, own, rivals, n_jobs)[:SWAPS]:
             before = known.get(frozenset({rival.place, *(effect.place for effect in kept)}), np.inf)
             if before > best.fit.cost + left:
-                models.append(best.fit.model._replace(effects=(*kept, rival)))
+                tried.append((i, rival))
+    return Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_swapped)(problem, best, i, rival) for i, rival in tried
+    )
 
-    def fitted(model):
-        return Candidate(fit(problem, model, iterations=FINE), best.n_samples)
 
-    return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)
+def _swapped(problem: Problem, best: Candidate, i: int, rival: PlacedEffect) -> Candidate:
+    """Return a fitted set refitted with a rival for one of its members, the better of two fits.
+
+    One begins with all else as it was, one with all else moved as the tangents say: a rival that changes the
+    run as the member does, but for what the simulator's own parameters can do, leaves that to them, and they
+    may have far to go.
+    """
+    model, kept = best.fit.model, (*best.effects[:i], *best.effects[i + 1 :])
+    run = problem.run(model)
+    lost, won = (effect_column(problem, best.fit, run, effect) for effect in (best.effects[i], rival))
+    others = np.delete(np.arange(model.q.size), np.r_[model.theirs[i]])
+    moved = moved_for(problem, best.fit, lost - won, others)
+    moved = moved._replace(effects=(*moved.effects[:i], *moved.effects[i + 1 :], rival))
+    fits = [fit(problem, m, iterations=FINE) for m in (model._replace(effects=(*kept, rival)), moved)]
+    return Candidate(min(fits, key=lambda found: found.cost), best.n_samples)
 
 
 def _may_replace(
     hypothesis: Hypothesis, member: PlacedEffect, best: Candidate, kept: tuple[PlacedEffect, ...]
 ) -> bool:
     placed = hypothesis.placed
-    is_new = placed.port == member.port and placed.place not in best.places
+    is_new = placed.place not in best.places
     return is_new and hypothesis.asked and not (placed.odd and kept)
 
 
