@@ -21,8 +21,8 @@ from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 
-def at_velocity(code, *theta, index=1, odd=False):
-    return PlacedEffect(CATALOGUE[code], Port("state", index), (0.0, 1.0), theta=theta, odd=odd)
+def at_velocity(code, *theta, odd=False):
+    return PlacedEffect(CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=theta, odd=odd)
 
 
 def hypothesis(placed, *, asked=True):

@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.ranking import gains, scaled
 from narx_sklearn.discrepancy.refit import fit
 
-SWAPS = 3  # effects that are tried in the place of a member because they would change the run alike
+SWAPS = 6  # effects that are tried in the place of a member because they would change the run alike
 LEFT = 0.1  # share of what a member changes that another may leave, for it to be tried
 
 
@@ -69,13 +69,21 @@ def swaps(
     for i, own in enumerate(best.fit.model.theirs):
         member, kept = best.effects[i], (*best.effects[:i], *best.effects[i + 1 :])
         rivals = [h for h in hypotheses if _may_replace(h, member, best, kept)]
-        for left, rival in _alike(problem, best, member, own, rivals, n_jobs)[:SWAPS]:
+        for left, rival in _one_a_name(_alike(problem, best, member, own, rivals, n_jobs))[:SWAPS]:
             before = known.get(frozenset({rival.place, *(effect.place for effect in kept)}), np.inf)
             if before > best.fit.cost + left:
                 tried.append((i, rival))
     return Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(_swapped)(problem, best, i, rival) for i, rival in tried
     )
+
+
+def _one_a_name(alike: list[tuple[float, PlacedEffect]]) -> list[tuple[float, PlacedEffect]]:
+    """Return of each effect the place where it leaves least."""
+    first: dict[str, tuple[float, PlacedEffect]] = {}
+    for left, rival in alike:
+        first.setdefault(rival.effect.code, (left, rival))
+    return list(first.values())
 
 
 def _swapped(problem: Problem, best: Candidate, i: int, rival: PlacedEffect) -> Candidate:
