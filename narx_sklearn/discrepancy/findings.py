@@ -49,7 +49,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
                 lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
-                rivals=tuple(in_short(_rivals(c, best)) for c in rivals),
+                rivals=tuple(dict.fromkeys(in_short(_rivals(c, best)) for c in rivals)),
                 p_value=diagnosis.p_missing,
                 elsewhere=_elsewhere(diagnosis, i, simulator),
                 confidence=_confidence(diagnosis, i),
