@@ -248,12 +248,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self._conclude(diagnosis, u, measured, sessions, of_record)
         if self._left_there > STANDS_IN and not self._late_only:
             self._tell("a second look: what these names lack may show at the end only")
-            before = vars(self).copy()
+            before = self.__dict__.copy()
             second = self._second_look(simulator, u, measured, sessions, settings)
             if second.is_named:
                 self._conclude(second, u, measured, sessions, of_record)
             if self.verdict_ == "unknown":
-                vars(self).update(before)
+                self.__dict__.update(before)
         return self
 
     def predict(self, X, y_init=None, sessions=None):
