@@ -166,6 +166,10 @@ class TestDrift:
 
 
 class TestSlowAndLate:
+    LINE = PlacedEffect(
+        CATALOGUE["periodic_disturbance"], Port("state", 1), (0.0, 1.0), theta=(1.0, 9.0, 0.5)
+    )
+
     def recording(self, *effects, loud_from=0, n=1500, seed=3):
         u = levels(np.random.default_rng(seed), n)
         u[:loud_from] *= 0.3
@@ -183,10 +187,7 @@ class TestSlowAndLate:
 
     def test_a_limit_that_is_met_at_the_end_only_is_found_beside_what_always_acts(self):
         limit = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-4.0, 4.0))
-        line = PlacedEffect(
-            CATALOGUE["periodic_disturbance"], Port("state", 1), (0.0, 1.0), theta=(1.0, 9.0, 0.5)
-        )
-        u, y = self.recording(line, limit, loud_from=1230)
+        u, y = self.recording(self.LINE, limit, loud_from=1230)
         effects = ["sensor_clip", "periodic_disturbance", "cubic_stiffness"]
         found = DiscrepancyRegressor(make_circuit(), effects=effects, random_state=0).fit(u, y)
         assert {finding.effect for finding in found.findings_} == {"sensor_clip", "periodic_disturbance"}
@@ -195,10 +196,7 @@ class TestSlowAndLate:
 
     def test_names_that_leave_much_of_either_end_are_no_explanation(self, monkeypatch):
         """Where a second look ends no better, the first one stands as it was."""
-        line = PlacedEffect(
-            CATALOGUE["periodic_disturbance"], Port("state", 1), (0.0, 1.0), theta=(1.0, 9.0, 0.5)
-        )
-        u, y = self.recording(line)
+        u, y = self.recording(self.LINE)
         monkeypatch.setattr(DiscrepancyRegressor, "_left_over_there", lambda self, held: 3.0)
         found = DiscrepancyRegressor(make_circuit(), effects=["periodic_disturbance"], random_state=0)
         found.fit(u, y)

@@ -21,8 +21,8 @@ from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 
-def at_velocity(code, *theta, odd=False):
-    return PlacedEffect(CATALOGUE[code], Port("state", 1), (0.0, 1.0), theta=theta, odd=odd)
+def at_velocity(code, *theta, index=1, odd=False):
+    return PlacedEffect(CATALOGUE[code], Port("state", index), (0.0, 1.0), theta=theta, odd=odd)
 
 
 def hypothesis(placed, *, asked=True):
@@ -114,13 +114,16 @@ def test_the_others_of_a_set_stay(problem):
     assert all(len(candidate.effects) == 2 for candidate in found)
 
 
-@pytest.mark.parametrize("change", ["unasked", "odd", "member"])
+@pytest.mark.parametrize("change", ["unasked", "odd", "elsewhere", "member"])
 def test_nothing_else_takes_a_place(problem, change):
     asymmetric = at_velocity("asymmetric_friction", 0.1, 0.0)
     best = fitted(problem, LOAD, asymmetric)
     rival = {
         "unasked": hypothesis(COULOMB, asked=False),
         "odd": hypothesis(at_velocity("coulomb_friction", 0.05, odd=True)),
+        "elsewhere": hypothesis(
+            at_velocity("coulomb_friction", 0.05, index=0)
+        ),  # where it moves other things
         "member": hypothesis(asymmetric),
     }[change]
     assert swaps(problem, best, [best], [rival]) == []

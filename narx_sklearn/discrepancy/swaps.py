@@ -5,13 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.bank import (
-    directions,
-    effect_column,
-    make_bank,
-    moved_for,
-    off,
-)
+from narx_sklearn.discrepancy.bank import directions, effect_column, make_bank, moved_for, off
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.explain import FINE
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
@@ -68,7 +62,7 @@ def swaps(
     tried = []
     for i, own in enumerate(best.fit.model.theirs):
         member, kept = best.effects[i], (*best.effects[:i], *best.effects[i + 1 :])
-        rivals = [h for h in hypotheses if _may_replace(h, member, best, kept)]
+        rivals = [h for h in hypotheses if _may_replace(h, best, kept)]
         for left, rival in _one_a_name(_alike(problem, best, member, own, rivals, n_jobs))[:SWAPS]:
             before = known.get(frozenset({rival.place, *(effect.place for effect in kept)}), np.inf)
             if before > best.fit.cost + left:
@@ -103,9 +97,7 @@ def _swapped(problem: Problem, best: Candidate, i: int, rival: PlacedEffect) -> 
     return Candidate(min(fits, key=lambda found: found.cost), best.n_samples)
 
 
-def _may_replace(
-    hypothesis: Hypothesis, member: PlacedEffect, best: Candidate, kept: tuple[PlacedEffect, ...]
-) -> bool:
+def _may_replace(hypothesis: Hypothesis, best: Candidate, kept: tuple[PlacedEffect, ...]) -> bool:
     placed = hypothesis.placed
     is_new = placed.place not in best.places
     return is_new and hypothesis.asked and not (placed.odd and kept)
