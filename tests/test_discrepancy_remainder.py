@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import rankdata
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.followed import followed, response
+from narx_sklearn.discrepancy.followed import followed, followed_together, response
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
@@ -227,6 +227,17 @@ class TestSigns:
         assert {sign.kind: sign.p_value for sign in remainder.signs}["together"] > 0.05
         assert remainder.p_value > LEVEL
 
+    def test_damping_that_differs_by_position_is_no_noise(self):
+        def rubbed(x, u, p):  # as a guide that is worn in the middle: neither a curve of x nor of v
+            return x[1], p[0] * u[0] - p[1] * (1.0 + x[0] ** 2) * x[1] - p[2] * x[0]
+
+        rng = np.random.default_rng(7)
+        u = levels(rng)
+        y = simulator(rubbed).simulate(u)[:, 0] + 0.2 * coloured("ar1", rng)
+        (follows,) = (sign for sign in look(u, y).signs if sign.kind == "follows")
+        assert len(look(u, y).signs) * follows.p_value <= LEVEL
+        assert "position [m] squared with velocity [m/s]" in follows.words
+
     def test_a_stiffness_modulated_in_time_is_no_noise(self):
         rng = np.random.default_rng(6)
         u = levels(rng)
@@ -245,6 +256,18 @@ class TestFollowed:
         assert "the direction of drive [V] 1 sample before" in words
         assert words.count("position [m]") == 2  # two cosines, at the sample itself
         assert not [w for w in words if "rate of position" in w or "direction of position" in w]
+
+    def test_products_are_of_two_signals_within_their_ranges(self):
+        rng = np.random.default_rng(0)
+        u = levels(rng)
+        problem, model, _ = setting(u, output(u) + coloured("white", rng))
+        run = problem.run(model)
+        found = {f.words: f.values for f in followed_together(problem, run, past=1)}
+        assert len(found) == 9  # three pairs of one input and two states, three products each
+        x, v = (s - (np.quantile(s, 0.005) + np.quantile(s, 0.995)) / 2 for s in run.x.T)
+        got = found["position [m] squared with velocity [m/s]"]
+        assert np.corrcoef(got, x * x * v)[0, 1] > 0.98  # but for the ends, which are cut off
+        assert "drive [V] with position [m] 1 sample before" in found
 
     def test_each_is_what_the_signal_was_so_long_ago(self):
         rng = np.random.default_rng(0)

@@ -1,6 +1,7 @@
 """What an unknown force may follow: the signals of a run, their rates and directions, now and before."""
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -40,16 +41,10 @@ def followed(
         Samples by which inputs are late at least. A controller writes the noise of a sample into the input
         of that sample, so what is compared with this sample's noise must look at inputs before it.
     """
-    simulator = problem.simulator
     found: list[Followed] = []
-    signals = [(str(s), problem.u[:, i], past) for i, s in enumerate(simulator.inputs)]
-    signals += [(str(s), run.x[:, i], 0) for i, s in enumerate(simulator.states)]
-    rated = {len(simulator.inputs) + i for i in structure.partner if i >= 0}  # their rates are states too
-    for i, (name, values, late) in enumerate(signals):
-        values = np.where(np.isfinite(values), values, np.nanmean(values[problem.rows[problem.inside]]))
-        low, high = np.quantile(values[problem.rows[problem.inside]], [ENDS, 1 - ENDS])
-        if not high > low:
-            continue
+    n_inputs = len(problem.simulator.inputs)
+    rated = {n_inputs + i for i in structure.partner if i >= 0}  # their rates are states too
+    for i, name, values, (low, high), late in _signals(problem, run, past):
         turns = np.pi * (np.clip(values, low, high) - low) / (high - low)
         for m in range(1, n_shapes + 1):
             found += _lagged(name, np.cos(m * turns), shapes_before, late)
@@ -60,6 +55,44 @@ def followed(
             found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late)
             found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late)
     return found
+
+
+def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Followed]:
+    """Return products of every two inputs and states along a run, of second and third degree.
+
+    What depends on two signals at once, as damping that differs by position, follows neither of them.
+
+    Parameters
+    ----------
+    past : int, default=0
+        As in :func:`followed`.
+    """
+    found: list[Followed] = []
+    for one, other in combinations(_signals(problem, run, past), 2):
+        late = max(one.late, other.late)
+        a, b = (np.clip(s.values, *s.range) - np.mean(s.range) for s in (one, other))
+        for powers, values in (("", a * b), (" squared", a * a * b), (" and its square", a * b * b)):
+            found += _lagged(f"{one.name}{powers} with {other.name}", values, BEFORE[:1], late)
+    return found
+
+
+class _Signal(NamedTuple):
+    index: int  # inputs first, then states
+    name: str
+    values: np.ndarray  # (n_samples,), finite
+    range: tuple[float, float]
+    late: int
+
+
+def _signals(problem: Problem, run: Run, past: int) -> Iterator[_Signal]:
+    """Yield each input and state that moves."""
+    signals = [(str(s), problem.u[:, i], past) for i, s in enumerate(problem.simulator.inputs)]
+    signals += [(str(s), run.x[:, i], 0) for i, s in enumerate(problem.simulator.states)]
+    for i, (name, values, late) in enumerate(signals):
+        seen = values[problem.rows[problem.inside]]
+        low, high = np.nanquantile(seen, [ENDS, 1 - ENDS])
+        if high > low:
+            yield _Signal(i, name, np.where(np.isfinite(values), values, np.nanmean(seen)), (low, high), late)
 
 
 def _lagged(words: str, values: np.ndarray, before, late: int) -> Iterator[Followed]:

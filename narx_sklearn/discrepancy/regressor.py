@@ -560,16 +560,21 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return on_held_out(found.problem, *simulators, held_out, guesses, self._lead)
 
     def _harms(self, held: HeldOut) -> bool:
-        """Tell whether the corrected simulation is surely worse on held-out samples, or leaves all range."""
+        """Tell whether the corrected simulation is worse on held-out samples, or leaves all range.
+
+        Surely worse, or no better where it should be by far.
+        """
         if not self.scores_.empty:
             errors = self.scores_["nrmse"]
             if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
                 return True
         best = self._diagnosis.best
         # what the uncertainty of its parameters costs on other samples is no harm
-        by_chance = chi2.isf(0.01, best.fit.model.q.size) * best.fit.cost / best.n_samples
+        unit = best.fit.cost / best.n_samples
+        by_chance = chi2.isf(0.01, best.fit.model.q.size) * unit
         surely = max(SURELY * np.sqrt(np.sum(held.less**2)), by_chance)
-        return bool(np.all(np.isfinite(held.less)) and held.less.sum() < -surely)
+        harmful = np.all(np.isfinite(held.less)) and held.less.sum() < -surely
+        return bool(harmful) or held.is_belied(unit)
 
     def _left_over_there(self, held: HeldOut) -> float:
         """Return what names leave of held-out samples over what they leave elsewhere; 1 if none can tell.

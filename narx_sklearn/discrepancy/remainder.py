@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.detect import (
     flipped_maxima,
     strongest_line,
 )
-from narx_sklearn.discrepancy.followed import BEFORE, SHAPES, followed, response
+from narx_sklearn.discrepancy.followed import BEFORE, SHAPES, followed, followed_together, response
 from narx_sklearn.discrepancy.locate import Tangent, ports_of, tangent
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -151,6 +151,7 @@ def _follows(
         at_output = port.kind == "output"
         where = port_in_words(port, simulator)
         candidates = followed(problem, run, structure, SHAPES, past=int(at_output))
+        candidates += followed_together(problem, run, past=int(at_output))
         for begin in range(0, len(candidates), CHUNK):
             chunk = candidates[begin : begin + CHUNK]
             answers = response(problem, linear, port, np.column_stack([c.values for c in chunk]))

@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.windows import cut, shortest_window
 BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000
 SURELY = 1.64  # standard errors
+BELIED = 2.33  # standard errors, that what is right may be off by in one of a hundred cases
 
 
 def compared(dx) -> dict[str, Simulator]:
@@ -166,10 +167,27 @@ class HeldOut(NamedTuple):
     """What a simulator and a corrected one leave of held-out stretches, in noise variances."""
 
     less: np.ndarray  # (n_blocks,) that the corrected one takes off the cost; not finite where a run diverges
+    changed: np.ndarray  # (n_blocks,) squared difference of the two
     without: float  # a sample, by the one as it was
     left: float  # a sample, by the corrected one
     windows: Windows
     x0: np.ndarray  # (n_windows, n_states) with which the corrected one begins
+
+    def is_belied(self, unit: float) -> bool:
+        r"""Tell whether the corrected one does no good there, where it should if it were right.
+
+        With :math:`e` what it leaves and :math:`\delta` how it differs from the simulator, the cost falls by
+        :math:`\delta^2 + 2 e^\top \delta`, of which the second part is of mean zero if it is right.
+
+        Parameters
+        ----------
+        unit : float
+            Cost of a sample of noise.
+        """
+        if not np.all(np.isfinite(self.less)) or self.less.sum() >= 0:
+            return False
+        missed = (self.changed - self.less) / 2
+        return bool(missed.sum() > BELIED * np.sqrt(max(np.sum(missed**2), unit * self.changed.sum())))
 
 
 def on_held_out(
@@ -202,24 +220,29 @@ def on_held_out(
     length = problem.windows.length
     windows = cut(pieces, length, shortest_window(problem.simulator))
     if not windows.count:
-        return HeldOut(np.empty(0), np.nan, np.nan, windows, np.empty((0, problem.windows.count)))
+        none = np.empty(0)
+        return HeldOut(none, none, np.nan, np.nan, windows, np.empty((0, problem.windows.count)))
     starts: list[np.ndarray] = []
-    costs = []
+    residuals = []
     for simulator, guess in zip((before, after), guesses, strict=True):
         known = simulator.known_states(problem.u, problem.y, windows.first)
         # where friction holds, a fit stays near its start: that of the one is tried with the other too
         starts.append(np.where(np.isfinite(known), known, guess))
         found = [_initial_states_fitted(problem, simulator, windows, x0, lead) for x0 in starts]
         best = np.argmin([np.sum(left**2, axis=1) for _, left in found], axis=0)
-        costs.append(np.choose(best[:, None], [left**2 for _, left in found]))
+        residuals.append(np.choose(best[:, None], [left for _, left in found]))
         starts = [x0 for x0, _ in found]
     with np.errstate(invalid="ignore"):
-        less = (costs[0] - costs[1]).ravel()
-    blocks = np.array([block.sum() for block in np.array_split(less, BLOCKS)])
+        less = _by_block(residuals[0] ** 2 - residuals[1] ** 2)
+        changed = _by_block((residuals[0] - residuals[1]) ** 2)
     x0 = np.choose(best[:, None], starts)
     n_seen = problem.over(windows).n_seen
-    without, left = (float(cost.sum() / n_seen) for cost in costs)
-    return HeldOut(blocks, without, left, windows, x0)
+    without, left = (float(np.sum(residual**2) / n_seen) for residual in residuals)
+    return HeldOut(less, changed, without, left, windows, x0)
+
+
+def _by_block(values: np.ndarray) -> np.ndarray:
+    return np.array([block.sum() for block in np.array_split(values.ravel(), BLOCKS)])
 
 
 def left_together(problem: Problem, found: Fit, held: HeldOut) -> tuple[float, float]:
