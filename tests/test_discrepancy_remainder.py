@@ -236,7 +236,7 @@ class TestSigns:
         y = simulator(rubbed).simulate(u)[:, 0] + 0.2 * coloured("ar1", rng)
         (follows,) = (sign for sign in look(u, y).signs if sign.kind == "follows")
         assert len(look(u, y).signs) * follows.p_value <= LEVEL
-        assert "position [m] squared with velocity [m/s]" in follows.words
+        assert "position [m] squared times velocity [m/s]" in follows.words
 
     def test_a_stiffness_modulated_in_time_is_no_noise(self):
         rng = np.random.default_rng(6)
@@ -265,9 +265,9 @@ class TestFollowed:
         found = {f.words: f.values for f in followed_together(problem, run, past=1)}
         assert len(found) == 9  # three pairs of one input and two states, three products each
         x, v = (s - (np.quantile(s, 0.005) + np.quantile(s, 0.995)) / 2 for s in run.x.T)
-        got = found["position [m] squared with velocity [m/s]"]
+        got = found["position [m] squared times velocity [m/s]"]
         assert np.corrcoef(got, x * x * v)[0, 1] > 0.98  # but for the ends, which are cut off
-        assert "drive [V] with position [m] 1 sample before" in found
+        assert "drive [V] times position [m] 1 sample before" in found
 
     def test_each_is_what_the_signal_was_so_long_ago(self):
         rng = np.random.default_rng(0)

@@ -1,13 +1,16 @@
 """Mistakes in records: each is found and said, and none is seen where there is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from narx_sklearn.discrepancy import NARXSimulator, ODESimulator, check_record
+from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
 from narx_sklearn.discrepancy.checks import DataFinding, still_standing
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.model import NARXModel
 
@@ -201,15 +204,63 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     """Where errors of parameters grow, the quick refit of the check may go anywhere."""
     u, y = record(noise=0.0)
     windows = cut([(slice(0, N), 0)], 200, 8)
-    problem = Problem(nominal(), u, y, windows, Noise.white(np.ones(1)))
+    simulator = nominal()
+    run = simulator.simulate(u)
+    offset = 0.5 * y.std()  # of which a quarter of the variance is left
+    problem = Problem(simulator, u, run + offset, windows, Noise.white(np.ones(1)))
+    x = simulator.run(u, Windows.whole([slice(0, N)]), np.zeros((1, 2))).x
+    near = Model(simulator.nominal, (), x[windows.first])
+    share = float((offset / problem.y.std()) ** 2)
     units, clipped = (
-        DataFinding("units", "", {"before": 60.0, "after": 0.4}),
+        DataFinding("units", "", {"before": 60.0, "after": 1.01 * share}),
         DataFinding("clipped_output", ""),
     )
     found = [units, clipped]
-    nearer, near, far = (y + share * y.std() for share in (0.4, 0.5, 0.7))  # 0.16, 0.25, 0.49 of the variance
     assert still_standing(found, problem, near, near) == [clipped]
-    assert still_standing(found, problem, far, far) == found
+    less = [replace(units, evidence={"after": 0.99 * share}), clipped]
+    assert still_standing(less, problem, near, near) == less
     # an effect must leave far less
-    assert still_standing(found, problem, far, near) == found
-    assert still_standing(found, problem, far, nearer) == [clipped]
+    lost = near._replace(p=np.array([3.0, 3.0, 3.0]) * simulator.nominal)
+    assert still_standing(found, problem, lost, near) == found
+    more = [replace(units, evidence={"after": 2.02 * share}), clipped]
+    assert still_standing(more, problem, lost, near) == [clipped]
+    # and neither with parameters that nobody would expect
+    assert still_standing(more, problem, lost, lost) == more
+
+
+def hardening(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 2.0 * x[0] ** 3
+
+
+MISTAKES = {
+    "time_scale, a tenth": (0.1, lambda u, y: (u, y), "time_scale"),
+    "time_scale, half": (0.5, lambda u, y: (u, y), "time_scale"),
+    "time_scale, double": (2.0, lambda u, y: (u, y), "time_scale"),
+    "time_scale, tenfold": (10.0, lambda u, y: (u, y), "time_scale"),
+    "millimetres": (1.0, lambda u, y: (u, 1000 * y), "units"),
+    "inches": (1.0, lambda u, y: (u, 39.37 * y), "units"),
+    "another zero too": (1.0, lambda u, y: (u, 1.8 * y + 32.0), "units"),
+    "sign": (1.0, lambda u, y: (u, -y), "sign"),
+    "swapped": (1.0, lambda u, y: (y, u), "swapped"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("truth", [None, hardening])
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_a_mistake_is_told_beside_missing_physics_and_not_sold_as_physics(kind, truth):
+    factor, spoil, code = MISTAKES[kind]
+    about = {"states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+    values = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0}
+    true = dict(zip(values, (1.1, 0.7, 11.0), strict=True))
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0, 3, 200), 10)
+    y = ODESimulator(truth or stage, dt=0.05, parameters=true, **about).simulate(u)[:, 0]
+    y = y + 0.005 * rng.normal(size=y.size)
+    simulator = ODESimulator(stage, dt=0.05 * factor, parameters=values, **about)
+    effects = ["cubic_stiffness", "coulomb_friction", "quadratic_drag"]
+    dx = DiscrepancyRegressor(simulator, effects=effects).fit(*spoil(u, y))
+    assert code in [finding.code for finding in dx.data_findings_]
+    assert dx.verdict_ not in ("explained", "ambiguous")
+    if dx._diagnosis.record_misleads:
+        assert "mend it first" in dx.report_

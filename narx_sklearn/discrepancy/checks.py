@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.confirm import is_of_a_sensor
 from narx_sklearn.discrepancy.mistakes import (
+    BOX,
     DECISIVE,
     OFFSET_LIMIT,
     SCALE_RANGE,
@@ -18,7 +20,8 @@ from narx_sklearn.discrepancy.mistakes import (
     find_mistakes,
     make_case,
 )
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.windows import find_pace
 
@@ -30,6 +33,7 @@ SUSPICIOUS_SHARE = 0.005  # of the samples
 SUSPICIOUS_COUNT = 5
 DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
 FAR_LESS = 0.5  # of what undoing a mistake leaves: what an effect leaves that speaks against the mistake
+MENDED_FIRST = ("time_scale", "swapped", "sign", "units")  # physics beside them is theirs
 KNOWN_RATIOS = {
     1e3: "as between a unit and its thousandth (m and mm)",
     1e6: "as between a unit and its millionth (m and um)",
@@ -123,23 +127,30 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
         *_duplicated_samples(u, y, pieces),
         *_clipped_outputs(simulator, u, y, pieces),
     ]
-    if any(finding.code == "short_record" for finding in found):
+    longest = max((piece.stop - piece.start for piece in pieces), default=0)
+    if longest < _fewest(simulator):
         return tuple(found)  # nothing can be compared
     case = make_case(simulator, u, y, pieces)
     if case is not None and np.nanstd(y, axis=0).min() > 0:
         mistakes, case, last = find_mistakes(case, n_jobs)
+        if any(mistake.code == "time_scale" for mistake in mistakes):  # short only as the simulator counts
+            found = [finding for finding in found if finding.code != "short_record"]
         found += [_told(simulator, mistake) for mistake in mistakes]
         if last is not None:
             found += _other_units(simulator, case, last, n_jobs)
     return tuple(found)
 
 
-def still_standing(findings: Sequence[DataFinding], problem: Problem, refitted: np.ndarray, best: np.ndarray):
+def still_standing(
+    findings: Sequence[DataFinding], problem: Problem, refitted: Model, best: Model
+) -> list[DataFinding]:
     """Return findings without mistakes that, undone, left more of the record than is left of it as it is.
 
     Where small errors of the parameters grow, as on a pole that a loop holds up, the quick refit of the check
     goes anywhere, and whatever makes the simulation move less agrees better. And what arrives smoothed
-    arrives late, too: an effect that leaves far less says what it is.
+    arrives late, too: an effect that leaves far less says what it is. But a fit with a gain a thousand times
+    the nominal is no better than another unit, nor one with every rate doubled than another sampling period:
+    what leaves less must do so with parameters that are as near as undoing a mistake needs them.
 
     Parameters
     ----------
@@ -147,24 +158,45 @@ def still_standing(findings: Sequence[DataFinding], problem: Problem, refitted: 
         Of the record, as the check found it.
     problem : Problem
         The record in windows.
-    refitted, best : ndarray of shape (n_samples, n_outputs)
-        Outputs over these windows of the refitted simulator, and of that with what was found.
+    refitted, best : Model
+        The refitted simulator over these windows, and that with what was found.
     """
     spread = np.nanstd(problem.y, axis=0)
 
-    def missed(outputs: np.ndarray) -> float:
-        left = (problem.y - outputs) / np.where(spread > 0, spread, 1.0)
+    def missed(model: Model) -> float:
+        if not _within_box(problem.simulator, model.p):
+            return np.inf
+        left = (problem.y - problem.run(model).y) / np.where(spread > 0, spread, 1.0)
         return float(np.mean(left[problem.rows][problem.seen] ** 2))
 
     least = min(missed(refitted), missed(best) / FAR_LESS)
     return [finding for finding in findings if not least < finding.evidence.get("after", -np.inf)]
 
 
+def _within_box(simulator: Simulator, p: np.ndarray) -> bool:
+    """Tell whether parameters are as near to the nominal ones as a check of the record lets them be."""
+    nominal = simulator.nominal
+    return bool(np.all((np.abs(p - nominal) <= BOX * np.abs(nominal)) | (nominal == 0)))
+
+
+def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect]) -> list[DataFinding]:
+    """Return the mistakes of a record that must be mended before effects named beside them mean anything.
+
+    What comes late may do so in the machine, and an offset that was named as one is told as what it is.
+    """
+    of_sensors = bool(effects) and all(is_of_a_sensor(effect) for effect in effects)
+
+    def is_named(finding: DataFinding) -> bool:
+        slope = finding.evidence.get("slope", np.inf)
+        return of_sensors and SCALE_RANGE[0] < slope < SCALE_RANGE[1]
+
+    return [finding for finding in findings if finding.code in MENDED_FIRST and not is_named(finding)]
+
+
 def _short_record(simulator: Simulator, u, pieces):
     """Yield a finding if no session holds a window."""
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
-    n_numbers = int(simulator.free_states.sum()) + len(simulator.parameters) + 1
-    wanted = SAMPLES_A_NUMBER * n_numbers
+    wanted = _fewest(simulator)
     constant = 0.0
     if longest:
         piece = max(pieces, key=lambda p: p.stop - p.start)
@@ -180,10 +212,19 @@ def _short_record(simulator: Simulator, u, pieces):
         yield DataFinding(
             "short_record",
             f"The longest session has {longest} samples ({longest * simulator.dt:.4g} s); a window needs "
-            f"{wanted}, for {n_numbers} numbers to fit and a slowest time constant of {constant:.4g} s. "
-            "Record longer.",
+            f"{wanted}, for {_n_numbers(simulator)} numbers to fit and a slowest time constant of "
+            f"{constant:.4g} s. Record longer.",
             {"samples": longest, "wanted": wanted, "time_constant": constant},
         )
+
+
+def _n_numbers(simulator: Simulator) -> int:
+    return int(simulator.free_states.sum()) + len(simulator.parameters) + 1
+
+
+def _fewest(simulator: Simulator) -> int:
+    """Return the samples without which nothing is fitted; a window of them may be short for its pace."""
+    return SAMPLES_A_NUMBER * _n_numbers(simulator)
 
 
 def _constant_inputs(simulator: Simulator, u):

@@ -58,6 +58,7 @@ class Diagnosis:
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
+    record_misleads: bool = False  # by a mistake that must be mended before physics is believed
 
     @property
     def is_named(self) -> bool:

@@ -44,12 +44,12 @@ def followed(
     found: list[Followed] = []
     n_inputs = len(problem.simulator.inputs)
     rated = {n_inputs + i for i in structure.partner if i >= 0}  # their rates are states too
-    for i, name, values, (low, high), late in _signals(problem, run, past):
+    for place, name, values, (low, high), late in _signals(problem, run, past):
         turns = np.pi * (np.clip(values, low, high) - low) / (high - low)
         for m in range(1, n_shapes + 1):
             found += _lagged(name, np.cos(m * turns), shapes_before, late)
         found += _lagged(name, values, BEFORE[1:], late)
-        if i not in rated:
+        if place not in rated:
             change = np.diff(values, prepend=values[:1])
             found += _lagged(f"the rate of {name}", change, BEFORE, late)
             found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late)
@@ -71,13 +71,17 @@ def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Foll
     for one, other in combinations(_signals(problem, run, past), 2):
         late = max(one.late, other.late)
         a, b = (np.clip(s.values, *s.range) - np.mean(s.range) for s in (one, other))
-        for powers, values in (("", a * b), (" squared", a * a * b), (" and its square", a * b * b)):
-            found += _lagged(f"{one.name}{powers} with {other.name}", values, BEFORE[:1], late)
+        for squared, also, values in (
+            ("", "", a * b),
+            (" squared", "", a * a * b),
+            ("", " squared", a * b * b),
+        ):
+            found += _lagged(f"{one.name}{squared} times {other.name}{also}", values, BEFORE[:1], late)
     return found
 
 
 class _Signal(NamedTuple):
-    index: int  # inputs first, then states
+    place: int  # inputs first, then states
     name: str
     values: np.ndarray  # (n_samples,), finite
     range: tuple[float, float]

@@ -18,7 +18,7 @@ from narx_sklearn._validation import (
 )
 from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.beginning import begin
-from narx_sklearn.discrepancy.checks import check_record, still_standing
+from narx_sklearn.discrepancy.checks import check_record, still_standing, to_be_mended
 from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
@@ -429,10 +429,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
     def _conclude(self, diagnosis: Diagnosis, u, y, sessions, of_record) -> None:
         """Store a diagnosis, and of what was found in the record itself what still stands beside it."""
-        problem, best = diagnosis.problem, diagnosis.best.fit.model
-        standing = still_standing(of_record, problem, diagnosis.base_run.y, problem.run(best).y)
+        best = diagnosis.best.fit.model
+        standing = still_standing(of_record, diagnosis.problem, diagnosis.refitted.model, best)
         diagnosis, of_steps = mind_steps(diagnosis, self.n_jobs)
         self.data_findings_ = [*standing, *of_steps]
+        if diagnosis.is_named and to_be_mended(standing, best.effects):
+            diagnosis = replace(diagnosis, verdict="unknown", record_misleads=True)
         self._store(diagnosis, u, y, self._split(u, sessions).held_out)
 
     @property

@@ -23,6 +23,8 @@ def verdict_sentence(dx) -> str:
     """Return what a verdict says."""
     if dx.verdict_ == "unknown" and dx._diagnosis.steps_miss:
         return "What the simulation misses may be the error of its own integration steps."
+    if dx.verdict_ == "unknown" and dx._diagnosis.record_misleads:
+        return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
     return VERDICTS[dx.verdict_]
 
 

@@ -79,7 +79,7 @@ def headline(dx) -> str:
             list(dict.fromkeys(name for f in dx.findings_ for name in readable(f.lookalikes))), "or"
         )
         sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
-    elif dx.verdict_ == "unknown" and not dx._diagnosis.steps_miss:
+    elif dx.verdict_ == "unknown" and not (dx._diagnosis.steps_miss or dx._diagnosis.record_misleads):
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if corrected(dx):
             sentence += f"; what comes nearest: {names}"
