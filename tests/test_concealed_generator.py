@@ -324,9 +324,21 @@ def test_what_an_oracle_would_name_is_told_by_stratum_and_noise(tmp_path):
     write_json(tmp_path / "verdicts.json", {file.name: sha256(file)})
     rivals, told = could_be_told(tmp_path)
     assert rivals[["truth", "rival"]].to_numpy().tolist() == [["gravity", "cubic_stiffness"]]
-    assert told["first_right"].tolist() == [1.0]
+    assert told["right"].tolist() == [1.0]
     sees = read_json(tmp_path / "truth" / f"{name}.json")["oracle"]["z_in_colour"] > 5
     assert told["oracle_right"].tolist() == pytest.approx([sees * rivals["chance"][0]])
+
+
+def test_a_name_forced_on_what_no_catalogue_has_is_held_against_its_distance(tmp_path):
+    (name,) = make(["T6"], [0], tmp_path, n_samples=600, effects=["position_damping"])["cases"]
+    finding = {"effect": "quadratic_drag", "port": "state:1", "lookalikes": []}
+    (tmp_path / "verdicts").mkdir()
+    file = tmp_path / "verdicts" / f"{name}.json"
+    write_json(file, {"verdict": "explained", "findings": [finding]})
+    write_json(tmp_path / "verdicts.json", {file.name: sha256(file)})
+    rivals, told = could_be_told(tmp_path)
+    assert rivals[["truth", "rival"]].to_numpy().tolist() == [["position_damping", "quadratic_drag"]]
+    assert told[["stratum", "right"]].to_numpy().tolist() == [["outside", 0.0]]
 
 
 @pytest.mark.long

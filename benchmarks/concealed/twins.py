@@ -30,7 +30,7 @@ STEP = 1e-3  # of the logarithms of constants and numbers
 REACH = 0.5  # largest change of one of them in one step
 SETTLED = 1e-4  # share of the cost below which a step changes nothing
 RANK = 1e-5
-CELLS = ("T2", "T3", "T7", "T8")  # of one effect that the catalogue has
+CELLS = ("T2", "T3", "T6", "T7", "T8")  # of one effect
 SEES = 5.0  # standard errors that the best of some hundred hypotheses needs
 
 
@@ -41,8 +41,9 @@ def could_be_told(out: Path, n_jobs: int = 1) -> tuple[pd.DataFrame, pd.DataFram
     ``distance``, in standard errors of the noise in its colour, between the truth and the rival's *hidden*
     form with all its numbers and the machine's constants refitted, and ``chance``, with which an oracle that
     knows both forms chooses the truth. The second has a row for each stratum and noise: how often the truth
-    was named first, and how often that oracle would name it. It does not see what is less than five standard
-    errors large, and has to choose between the truth and its hardest rival only.
+    was named first (or, of an effect that no catalogue has, *unknown* was said), and how often that oracle
+    would name it. It does not see what is less than five standard errors large, and has to choose between the
+    truth and its hardest rival only. Of a verdict with two names it has none.
     """
     out = Path(out)
     verdicts = load_verdicts(out)
@@ -57,21 +58,27 @@ def could_be_told(out: Path, n_jobs: int = 1) -> tuple[pd.DataFrame, pd.DataFram
     hardest = rivals.groupby("case")["chance"].min()
     cases = pd.DataFrame(
         {
-            "stratum": truth["stratum"],
+            "stratum": "outside" if truth["cell"] == "T6" else truth["stratum"],
             "noise": truth["noise"],
-            "first_right": names_of(verdicts[name])[0][:1] == [truth["effects"][0]["effect"]],
+            "right": _is_right(truth, verdicts[name]),
             "oracle_right": float(truth["oracle"]["z_in_colour"] > SEES) * hardest.get(name, 1.0),
         }
         for name, truth in single.items()
     )
     told = cases.groupby(["stratum", "noise"]).agg(
-        n=("first_right", "size"), first_right=("first_right", "mean"), oracle_right=("oracle_right", "mean")
+        n=("right", "size"), right=("right", "mean"), oracle_right=("oracle_right", "mean")
     )
     folder = out / "score"
     folder.mkdir(exist_ok=True)
     rivals.to_csv(folder / "rivals.csv", index=False)
     told.to_csv(folder / "could_be_told.csv")
     return rivals, told.reset_index()
+
+
+def _is_right(truth: dict, verdict: dict) -> bool:
+    if truth["cell"] == "T6":
+        return verdict["verdict"] == "unknown"
+    return names_of(verdict)[0][:1] == [truth["effects"][0]["effect"]]
 
 
 def chance_of_truth(distance: float, n_more: int, n_samples: int) -> float:
