@@ -224,6 +224,48 @@ class TestFit:
         assert fit(problem, start).model.effects[0].theta[0] == pytest.approx(300.0, rel=0.05)
 
 
+def charge_and_offset(x, u, p):
+    return p[0] * u[0], (p[1] * u[0] - x[1]) / p[2]
+
+
+def make_battery():
+    """Return a cell whose voltage has an offset, behind an integrator of unknown charge."""
+    return ODESimulator(
+        charge_and_offset,
+        dt=1.0,
+        parameters={"per charge [1/s/A]": -1e-4, "r [Ohm]": 0.01, "T [s]": 25.0, "offset [V]": 3.1},
+        states=["charge [-]", "drop [V]"],
+        inputs=["current [A]"],
+        output=lambda x, u, p: (p[3] + x[0] - x[1],),
+        outputs=["voltage [V]"],
+    )
+
+
+class TestWhatTheStatesExplain:
+    def fitted(self):
+        simulator = make_battery()
+        rng = np.random.default_rng(0)
+        u = held_levels(rng, 2000)
+        true = simulator.with_parameters({"r": 0.012, "T": 30.0, "offset": 3.2})
+        y = true.simulate(u) + 1e-3 * rng.normal(size=(2000, 1))
+        windows = cut([(slice(0, 2000), 0)], 200, 12)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([1e-3])))
+        return problem, fit(problem, Model(simulator.nominal, (), np.zeros((windows.count, 2))))
+
+    def test_stays_where_it_was_and_keeps_nothing_else_from_being_fitted(self):
+        problem, found = self.fitted()
+        assert found.converged
+        assert found.model.p[3] == pytest.approx(3.1, rel=1e-9)
+        assert found.model.p[1] == pytest.approx(0.012, rel=0.05)
+        assert found.cost / problem.n_seen == pytest.approx(1.0, abs=0.1)
+
+    def test_is_told_to_be_anything(self):
+        problem, found = self.fitted()
+        sure = intervals(problem, found)
+        assert sure[3].tolist() == [0.0, np.inf]  # a parameter keeps its sign
+        assert np.all(np.isfinite(sure[:3]))
+
+
 class TestNoise:
     @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
     def test_colour_and_size_are_recovered(self, rho):

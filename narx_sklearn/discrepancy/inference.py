@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.refit import Fit, all_bounds
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
@@ -42,11 +42,15 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
 
 
 def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
-    """Return confidence intervals of the global parameters, (n_q, 2)."""
+    """Return confidence intervals of the global parameters, (n_q, 2).
+
+    Of what the record does not show, the interval is all that it may be.
+    """
     q = fit.model.q
     error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
     width = norm.ppf(0.5 + level / 2) * error
-    return np.column_stack([q - width, q + width])
+    silent = ~np.any(fit.jacobian, axis=(0, 1))
+    return np.where(silent[:, None], all_bounds(problem, fit.model), np.column_stack([q - width, q + width]))
 
 
 def confidence_in_nothing(p_value: float) -> float:

@@ -13,6 +13,7 @@ ITERATIONS = 25
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 LUCK = 4.0  # noise variances that a window gains by chance, of several states that a coarse sensor rounds
+SILENT = 1e-9  # squared share of a response that the initial states do not explain: rounding, no response
 SHARES = (0.25, 0.0625, 0.0)  # of a step, that the states of windows take which a whole one makes worse
 
 
@@ -124,7 +125,7 @@ def fit(
         steps = difference_steps(now.model, bounds, scale_q)
         projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
         J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
-        return Tangents(steps, projector, J, projector(J))
+        return Tangents(steps, projector, J, _heard(J, projector(J)))
 
     steps, projector, J_full, J = tangents()
     while True:
@@ -166,6 +167,16 @@ def fit(
     order = now.model.rising
     model = now.model.with_q(now.model.q[order])
     return Fit(model, now.cost, r, J[:, :, order], projector, steps[order], converged, done, gained)
+
+
+def _heard(full: np.ndarray, projected: np.ndarray) -> np.ndarray:
+    """Return projected responses, zero where nothing but rounding is left of them.
+
+    The offset of a sensor behind an integrator is one with the integrator's initial state. Measured in its
+    own size, rounding would send it anywhere.
+    """
+    before, after = (np.einsum("wti,wti->i", J, J) for J in (full, projected))
+    return np.where(after <= SILENT * before, 0.0, projected)
 
 
 def _damped_step(

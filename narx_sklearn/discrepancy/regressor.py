@@ -564,11 +564,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     def _harms(self, held: HeldOut) -> bool:
         """Tell whether the corrected simulation is worse on held-out samples, or leaves all range.
 
-        Surely worse, or no better where it should be by far.
+        Surely worse, or no better where it should be by far. What explains nothing must not make a whole run
+        worse either.
         """
         if not self.scores_.empty:
             errors = self.scores_["nrmse"]
             if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
+                return True
+            if self.verdict_ == "unknown" and self.scores_["removed_high"]["augmented"] < 0:
                 return True
         best = self._diagnosis.best
         # what the uncertainty of its parameters costs on other samples is no harm

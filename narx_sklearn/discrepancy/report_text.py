@@ -162,6 +162,10 @@ def _scores(dx) -> list[str]:
             "   Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
             "simulation leaves it out."
         )
+    elif any(finding.modelled for finding in dx.findings_) and not dx.simulator_.effects:
+        lines.append(
+            "   What comes nearest does held-out samples no good: the corrected simulation leaves it out."
+        )
     return [*lines, ""]
 
 
