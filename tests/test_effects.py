@@ -1354,3 +1354,15 @@ class TestRegistry:
         assert table["code"].is_unique
         assert set(table["code"]) == set(CATALOGUE)
         assert table.notna().all().all()
+
+
+class TestGainThatDrifts:
+    def test_a_time_constant_of_which_only_a_straight_line_shows_has_an_end(self):
+        setting = setting_of(np.sin(np.arange(500.0)))
+        longest = CATALOGUE["gain_drift"].limits(setting)[1, 1]
+        assert longest == pytest.approx(30.0 * 500 * DT)
+        signal = np.ones(500)
+        gained = transformed("gain_drift", signal, [1.0, longest, 0.0]) - signal
+        line = np.arange(500) * DT / longest
+        assert np.max(np.abs(gained - line)) < 0.02 * line[-1]
+        assert np.all(np.isinf(CATALOGUE["gain_drift"].limits(setting)[[0, 2]]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_least
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_least, at_most
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import time_since
 from narx_sklearn.physics.effects._starts import (
@@ -16,6 +16,7 @@ from narx_sklearn.physics.effects._starts import (
 )
 
 FEWEST_PERIODS = 3  # in a record: fewer are drift
+STRAIGHT = 30.0  # records in one time constant, of which a record shows a straight line, to 2 %
 SHAPES = np.array(  # T in record lengths, b, c
     [
         [0.05, 0.0, 0.0],  # a warm-up early in the record
@@ -57,6 +58,11 @@ def _gain_drift_starts(setting: Setting) -> np.ndarray:
         grid([1.0], times, working_points(setting.argument)),
         lambda row: _warmed_along(setting.time, row[1]) * (setting.argument - row[2]),
     )
+
+
+def _gain_drift_limits(setting: Setting) -> np.ndarray:
+    """Beyond some length a time constant and a size tell nothing but their ratio."""
+    return at_most(3, 1, STRAIGHT * time_looked_at(setting))
 
 
 @kernel
@@ -151,6 +157,7 @@ DRIFT = (
             EffectParameter("r", "{arg}"),
         ),
         starts=_gain_drift_starts,
+        limits=_gain_drift_limits,
         force=_gain_drift,
         transform=_gain_drift_transform,
         output_port=False,
