@@ -7,7 +7,8 @@ import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.experiment import _settled, chance, design_experiment, middle_of
+from narx_sklearn.discrepancy.designs import settled
+from narx_sklearn.discrepancy.experiment import chance, design_experiment, middle_of
 from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.nested import ALLOWED, farthest_allowed
 from narx_sklearn.discrepancy.noise import Noise
@@ -46,12 +47,12 @@ def cart():
 @pytest.mark.parametrize("power", [0.5, 1.0])
 def test_an_experiment_begins_where_the_simulation_rests(power):
     rest = (0.2 * 4.0 / 0.4) ** (1 / power)
-    assert _settled(tank(power), np.array([4.0]), 1000) == pytest.approx([rest], rel=1e-3)
+    assert settled(tank(power), np.array([4.0]), 1000) == pytest.approx([rest], rel=1e-3)
 
 
 def test_what_runs_away_or_does_not_settle_in_time_begins_at_zero():
-    assert _settled(cart(), np.array([1.0]), 1000).tolist() == [0.0, 0.0]
-    assert _settled(tank(0.5), np.array([4.0]), 8).tolist() == [0.0]
+    assert settled(cart(), np.array([1.0]), 1000).tolist() == [0.0, 0.0]
+    assert settled(tank(0.5), np.array([4.0]), 8).tolist() == [0.0]
 
 
 @pytest.mark.filterwarnings("ignore:.*compile")

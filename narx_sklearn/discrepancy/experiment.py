@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from narx_sklearn.discrepancy.bank import effect_column
 from narx_sklearn.discrepancy.candidate import HARDLY
+from narx_sklearn.discrepancy.designs import make_designs, read_limits, settled
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -18,11 +19,8 @@ from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace, followed_for
-from narx_sklearn.signals import loading_unloading, multisine
 
-PACES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of designs, times the simulator's
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
-AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
 AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
 SHARES = 20  # of the farthest that an explanation may be from its special case, evenly
@@ -99,22 +97,30 @@ def design_experiment(
         Which of the rivals holds which as a special case.
     n_jobs : int, optional
         Threads in which designs are tried.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a limit is no limit, there are fewer than two rivals, or their runs are lost under every design.
     """
     if len(simulators) < 2:
-        raise ValueError(f"At least two rivals are needed, got {list(simulators)}.")
-    if not amplitude > 0:
-        raise ValueError(f"amplitude must be positive, got {amplitude!r}.")
+        raise ValueError(f"simulators holds {list(simulators)}; wanted are at least two rivals.")
     some = next(iter(simulators.values()))
+    limits = read_limits(some, amplitude, n_samples, offset=offset, rate=rate, column=column)
     base = np.zeros(len(some.inputs)) if held is None else np.array(held, dtype=float)
-    base[column] = offset
-    starts = {name: _settled(simulator, base, n_samples) for name, simulator in simulators.items()}
+    base[limits.column] = limits.offset
+    starts = {name: settled(simulator, base, n_samples) for name, simulator in simulators.items()}
+    with np.errstate(all="ignore"):
+        paces = [
+            find_pace(simulator, starts[name][None], base[None]) for name, simulator in simulators.items()
+        ]
+    if n_samples > LOST * followed_for(some, max(paces, key=lambda pace: pace.growth)):
+        raise ValueError(_lost_in(n_samples))
     of_a_share = {
         f"{a} / {b}" for a, b in combinations(simulators, 2) if ((a, b) in nested) != ((b, a) in nested)
     }
 
-    def tried(kind: str, shape: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-        u = np.tile(base, (n_samples, 1))
-        u[:, column] = _limited(amplitude * shape, rate, some.dt) + offset
+    def tried(kind: str, u: np.ndarray) -> dict[str, Any]:
         distances, told = {}, 0.0
         for a, b in combinations(simulators, 2):
             ways = [
@@ -132,30 +138,27 @@ def design_experiment(
             "expected": round(sum(chances), AS_GOOD),
             "information": told,
         }
-        return u, facts | distances
+        return facts | distances
 
-    designs = _designs(some, starts[next(iter(simulators))], base, n_samples, random_state)
+    designs = make_designs(some, starts[next(iter(simulators))], base, limits, random_state)
     found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(tried)(*design) for design in designs)
-    if not found:
-        raise ValueError(f"n_samples={n_samples} is too short for any experiment; pass a longer one.")
-    table = pd.DataFrame([facts for _, facts in found])
+    table = pd.DataFrame(found)
     pairs = tuple(table.columns[5:])
+    if np.isneginf(table["information"]).all() and not table[list(pairs)].to_numpy().any():
+        raise ValueError(_lost_in(n_samples))
     chosen = max(table.index, key=lambda k: (table["expected"][k], table["information"][k]))
-    lost = not table[list(pairs)].to_numpy().any()
-    u, facts = found[chosen]
-    with np.errstate(all="ignore"):
-        paces = [
-            find_pace(simulator, starts[name][None], base[None]) for name, simulator in simulators.items()
-        ]
-    reach = followed_for(some, max(paces, key=lambda pace: pace.growth))
-    if lost or n_samples > LOST * reach:
-        raise ValueError(
-            f"In {n_samples} samples a simulation is lost: no input alone drives an unstable machine. Put "
-            "its controller into the simulator, so that the reference is the input; or a smaller amplitude, "
-            "an offset at which it rests, or fewer samples."
-        )
+    (_, u), facts = designs[chosen], found[chosen]
     table = table.sort_values("separation", ascending=False, ignore_index=True)
     return Experiment(u, facts["design"], float(facts["separation"]), facts["chance"], table, pairs)
+
+
+def _lost_in(n_samples: int) -> str:
+    """Return what to say of an experiment in which every run is lost."""
+    return (
+        f"In {n_samples} samples a simulation is lost: no input alone drives an unstable machine. Put its "
+        "controller into the simulator, so that the reference is the input; or a smaller amplitude, an "
+        "offset at which it rests, or fewer samples."
+    )
 
 
 def middle_of(u: np.ndarray) -> np.ndarray:
@@ -165,75 +168,23 @@ def middle_of(u: np.ndarray) -> np.ndarray:
     return np.where(np.abs(middle) <= NEAR_ZERO * (highest - lowest) / 2, 0.0, middle)
 
 
-def chance(separation: float) -> float:
-    """Return the chance that the wrong one of two rivals at a distance d is then excluded.
+def chance(separation):
+    """Return the chance that the wrong one of two rivals at a distance d, or at each of many, is excluded.
 
     The criterion's difference is normal about d^2 with a deviation of 2 d, and must exceed ``HARDLY``.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(norm.cdf(np.divide(separation, 2.0) - np.divide(HARDLY, 2.0 * separation)))
+    separation = np.asarray(separation, dtype=float)
+    with np.errstate(divide="ignore"):
+        return norm.cdf(separation / 2.0 - HARDLY / (2.0 * separation))
 
 
 def _chances(distances: dict[str, float], of_a_share: Collection[str]) -> list[float]:
     """Return the chance of each pair to be told apart; of some their distance is the farthest that may be."""
     shares = (np.arange(SHARES) + 0.5) / SHARES
     return [
-        float(np.mean([chance(d * share) for share in shares])) if pair in of_a_share else chance(d)
+        float(np.mean([chance(d * share) for share in shares])) if pair in of_a_share else float(chance(d))
         for pair, d in distances.items()
     ]
-
-
-def _settled(simulator: Simulator, u: np.ndarray, n: int) -> np.ndarray:
-    """Return the states (n_states,) to which n samples of a constant input lead; zero if it does not rest."""
-    windows = Windows.whole([slice(0, n)])
-    x = simulator.run(np.tile(u, (n, 1)), windows, np.zeros((1, len(simulator.states)))).x
-    with np.errstate(invalid="ignore", over="ignore"):
-        late, all_along = np.ptp(x[-(n // 4) - 1 :], axis=0), np.ptp(x, axis=0)
-    return x[-1] if np.all(late <= AT_REST * all_along) else np.zeros(len(simulator.states))
-
-
-def _designs(simulator: Simulator, x: np.ndarray, u: np.ndarray, n: int, random_state):
-    """Yield (words, signal within -1 and 1): slow and fast, small and large, with and without steps.
-
-    Slow and fast are measured by the pace of the simulator at states x under the inputs u.
-    """
-    dt = simulator.dt
-    rng = np.random.default_rng(random_state)
-    with np.errstate(all="ignore"):
-        constant = find_pace(simulator, x[None], u[None]).time_constant
-    corner = 1 / (2 * np.pi * constant) if constant > 0 else 20 / (n * dt)
-    ladder = np.repeat([0.1, 0.25, 0.5, 1.0], -(-n // 4))[:n]
-    low = 2 / (n * dt)
-    tops = np.unique(np.minimum(np.array(PACES) * corner, 0.4 / dt))
-    for top in tops[tops > 1.5 * low]:
-        wave = multisine(n, dt, band=(low, top), random_state=int(rng.integers(2**31)))
-        wave = wave / np.max(np.abs(wave))
-        yield f"multisine up to {top:.3g} Hz", wave
-        yield f"multisine up to {top:.3g} Hz, amplitude in four steps", wave * ladder
-        hold = max(2, int(0.25 / (top * dt)))
-        steps = np.repeat(rng.uniform(-1, 1, -(-n // hold)), hold)[:n]
-        jumps = np.repeat(rng.choice([-1.0, 1.0], -(-n // hold)), hold)[:n]
-        yield f"random steps held {hold * dt:.3g} s", steps
-        yield f"random steps held {hold * dt:.3g} s, amplitude in four steps", steps * ladder
-        yield f"random jumps between two levels, held {hold * dt:.3g} s", jumps
-        sine = np.sin(2 * np.pi * top / 3 * dt * np.arange(n))
-        yield f"sine of {top / 3:.3g} Hz, amplitude in four steps", sine * ladder
-    for turns in (4, 12):
-        branch = max(2, n // (2 * turns))
-        triangle = loading_unloading([-1.0, 1.0], branch, n_periods=turns + 1)
-        triangle = np.asarray(getattr(triangle, "u", triangle), dtype=float)[:n]
-        if triangle.size == n:
-            yield f"slow triangle, {turns} times up and down", triangle
-            yield f"slow triangle, {turns} times, amplitude in four steps", triangle * ladder
-
-
-def _limited(signal: np.ndarray, rate: float | None, dt: float) -> np.ndarray:
-    if rate is None:
-        return signal
-    out = signal.copy()
-    for k in range(1, out.size):
-        out[k] = out[k - 1] + np.clip(signal[k] - out[k - 1], -rate * dt, rate * dt)
-    return out
 
 
 class Distance(NamedTuple):

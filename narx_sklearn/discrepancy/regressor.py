@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.checks import check_record, still_standing, to_be_mended
 from narx_sklearn.discrepancy.confirm import DRIFT
+from narx_sklearn.discrepancy.designs import read_column, read_limits
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
@@ -334,8 +335,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             Codes of the effects to separate; by default the first finding and its look-alikes, or, when it
             has none, the best three explanations.
         offset : float, optional
-            Middle of the input; by default that of the range which it covers in the record, zero where that
-            is within a tenth of the range's half.
+            Middle of the input, at which it begins; by default that of the range which it covers in the
+            record, zero where that is within a tenth of the range's half.
         rate : float, optional
             Largest change of the input in one second.
         column : int, default=0
@@ -348,24 +349,25 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
         Raises
         ------
+        TypeError
+            If a limit is no number, or ``n_samples`` or ``column`` no integer.
         ValueError
-            If fewer than two explanations are at hand, or no input alone keeps the simulation in range.
+            If a limit is not positive and finite, the experiment is too short or there is no such input,
+            fewer than two explanations are at hand, or no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
-        rivals = find_rivals(self._diagnosis, between)
-        nested = nested_pairs(rivals)
-        held = self._mean_input.copy()
+        diagnosis = self._diagnosis
+        simulator = diagnosis.problem.simulator
         if offset is None:
-            offset = self._middle_input[column]
+            offset = self._middle_input[read_column(simulator, column)]
+        limits = read_limits(simulator, amplitude, n_samples, offset=offset, rate=rate, column=column)
+        rivals = find_rivals(diagnosis, between)
+        nested = nested_pairs(rivals)
         return design_experiment(
-            as_simulators(rivals, nested, self._diagnosis.problem),
-            noise=self._diagnosis.problem.noise,
-            amplitude=amplitude,
-            n_samples=n_samples,
-            offset=offset,
-            rate=rate,
-            column=column,
-            held=held,
+            as_simulators(rivals, nested, diagnosis.problem),
+            **limits._asdict(),
+            noise=diagnosis.problem.noise,
+            held=self._mean_input.copy(),
             nested=nested,
             random_state=self.random_state,
             n_jobs=self.n_jobs,
