@@ -177,6 +177,13 @@ class TestFindings:
         assert plan.separation > 3.0  # standard deviations of the noise
         assert plan.table["separation"].is_monotonic_decreasing
 
+    def test_an_experiment_separates_effects_that_nobody_looked_for(self, cubic):
+        dx, _, _, _ = cubic
+        assert "backlash" not in SOME
+        plan = dx.next_experiment(amplitude=5.0, n_samples=300, between=["backlash", "cubic_stiffness"])
+        assert plan.pairs == ("backlash at state:1 / cubic_stiffness at state:1",)
+        assert plan.separation > 3.0
+
     def test_an_experiment_goes_about_the_middle_of_the_record_unless_told(self, cubic):
         dx, _, _, _ = cubic
         assert dx._middle_input == 0.0
@@ -305,7 +312,22 @@ class TestRefusals:
             with pytest.raises(ValueError, match="fitting window needs"):
                 DiscrepancyRegressor(nominal(), effects=SOME).fit(self.u[:8], self.y[:8])
 
-    def test_an_experiment_needs_two_explanations_that_were_fitted(self, cubic):
+    @pytest.mark.parametrize(
+        ("about", "error", "words"),
+        [
+            ({"rate": -1.0}, ValueError, "rate is -1.0; wanted is a positive and finite number"),
+            ({"n_samples": 3}, ValueError, "n_samples is 3, too short"),
+            ({"column": 1}, ValueError, r"column is 1; .* \{0: drive \[V\]\}"),
+            ({"column": "drive"}, TypeError, r"column is 'drive'; .* \{0: drive \[V\]\}"),
+            ({"between": "cubic_stiffness"}, TypeError, "between is 'cubic_stiffness'; wanted is a list"),
+            (
+                {"between": ["cubic_stiffness", "rubber"]},
+                ValueError,
+                "'rubber', which is no effect that is known",
+            ),
+        ],
+    )
+    def test_an_experiment_within_no_limits_or_between_nothing(self, cubic, about, error, words):
         dx, _, _, _ = cubic
-        with pytest.raises(ValueError, match="was not among the explanations"):
-            dx.next_experiment(amplitude=1.0, n_samples=100, between=["cubic_stiffness", "rubber"])
+        with pytest.raises(error, match=words):
+            dx.next_experiment(**{"amplitude": 1.0, "n_samples": 100} | about)

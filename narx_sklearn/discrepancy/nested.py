@@ -1,15 +1,44 @@
-"""Explanations that hold another one as a special case: how far from it the data let them be."""
+"""Explanations that hold another one, or nothing, as a special case: how far from it the data let them be."""
 
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import out_of
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import all_bounds, fit_states
+from narx_sklearn.discrepancy.refit import Fit, all_bounds, fit, fit_states
 
 ALLOWED = 2.0  # standard deviations that a parameter may be off its fitted value
 HALVINGS = 6  # of a move that changes the run more than its tangent says
+SIZES = 12  # of an effect that are tried
+
+
+def as_large_as_allowed(
+    problem: Problem, without: Fit, candidate: Candidate, effect: PlacedEffect
+) -> Candidate:
+    """Return an explanation with one effect, that the data do not show, as large as they allow.
+
+    On the way from its fitted parameters to those of ``effect``, at the same place, and beyond, all else is
+    refitted; it ends where the cost has risen by ``ALLOWED`` standard deviations over that of the fit
+    ``without`` it. Tangents would not do: a play or a dead zone of no width has none.
+    """
+    model = candidate.fit.model
+    at = next(i for i, placed in enumerate(model.effects) if placed.place == effect.place)
+    least, ordinary = (np.array(placed.theta) for placed in (model.effects[at], effect))
+    free = np.ones(model.q.size, dtype=bool)
+    free[model.theirs[at]] = False
+    low, high, share, found = 0.0, np.inf, 1.0, candidate
+    for _ in range(SIZES):
+        placed = effect.at(np.clip(least + share * (ordinary - least), *effect.bounds.T))
+        effects = (*model.effects[:at], placed, *model.effects[at + 1 :])
+        tried = fit(problem, model._replace(effects=effects), free=free)
+        if tried.cost <= without.cost + ALLOWED**2:
+            low, found = share, Candidate(tried, candidate.n_samples)
+        else:
+            high = share
+        share = 2 * low if np.isinf(high) else (low + high) / 2 if low > 0 else high / 4
+    return found
 
 
 def farthest_allowed(problem: Problem, general: Candidate, special: Candidate) -> Model:

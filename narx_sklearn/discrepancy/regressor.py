@@ -32,7 +32,7 @@ from narx_sklearn.discrepancy.record import Split, hold_out, pieces_of, read_inp
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.settings import Settings, read_effects
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
@@ -52,7 +52,7 @@ from narx_sklearn.discrepancy.verify import (
     within_reach,
 )
 from narx_sklearn.model import NARXModel
-from narx_sklearn.physics.effects import CATALOGUE, Effect
+from narx_sklearn.physics.effects import Effect
 
 SECOND_LOOK = 0.25  # of alpha
 
@@ -211,7 +211,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             return self._fit(X, y, sessions)
 
     def _fit(self, X, y, sessions):
-        effects = self._chosen_effects()
+        effects = read_effects(self.effects, self.exclude)
         simulator = self.simulator
         if not simulator.inputs:  # a trace that waits for the inputs that led to it
             simulator = simulator.identified(X, sessions=sessions)
@@ -331,9 +331,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             Largest departure of the input from ``offset``, in its unit.
         n_samples : int
             Length of the experiment.
-        between : list of str, optional
-            Codes of the effects to separate; by default the first finding and its look-alikes, or, when it
-            has none, the best three explanations.
+        between : list of (str or Effect), optional
+            Effects to separate, by code: any of the catalogue, or of this estimator's own. One that was not
+            fitted beside what else was found is fitted now, at its best port; one that these data do not show
+            is taken as large as they allow. By default the first finding and its look-alikes, or, when it has
+            none, the best explanations.
         offset : float, optional
             Middle of the input, at which it begins; by default that of the range which it covers in the
             record, zero where that is within a tenth of the range's half.
@@ -350,10 +352,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         TypeError
-            If a limit is no number, or ``n_samples`` or ``column`` no integer.
+            If a limit is no number, ``n_samples`` or ``column`` no integer, or ``between`` no list.
         ValueError
-            If a limit is not positive and finite, the experiment is too short or there is no such input,
-            fewer than two explanations are at hand, or no input alone keeps the simulation in range.
+            If a limit is not positive and finite, the experiment is too short or there is no such input; if
+            an effect of ``between`` is not known or shows nowhere in these data, or fewer than two
+            explanations are at hand; if no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
         diagnosis = self._diagnosis
@@ -361,7 +364,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if offset is None:
             offset = self._middle_input[read_column(simulator, column)]
         limits = read_limits(simulator, amplitude, n_samples, offset=offset, rate=rate, column=column)
-        rivals = find_rivals(diagnosis, between)
+        rivals = find_rivals(diagnosis, between, own=self._own_effects(), n_jobs=self.n_jobs)
         nested = nested_pairs(rivals)
         return design_experiment(
             as_simulators(rivals, nested, diagnosis.problem),
@@ -465,18 +468,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 f"window counts samples and must be an integer of at least 4, got {self.window!r}."
             )
 
-    def _chosen_effects(self) -> tuple[Effect, ...]:
-        if isinstance(self.effects, str):
-            if self.effects != "catalogue":
-                raise ValueError(f"effects must be 'catalogue' or a list of codes, got {self.effects!r}.")
-            chosen = list(CATALOGUE.values())
-        else:
-            chosen = [effect if isinstance(effect, Effect) else _entry(effect) for effect in self.effects]
-        left_out = {_entry(code).code for code in self.exclude}
-        chosen = [effect for effect in chosen if effect.code not in left_out]
-        if not chosen:
-            raise ValueError("No effect is left to look for; exclude fewer, or pass effects='catalogue'.")
-        return tuple(chosen)
+    def _own_effects(self) -> tuple[Effect, ...]:
+        """Return the effects of the list that was given, which need not be in the catalogue."""
+        return () if isinstance(self.effects, str) else read_effects(self.effects)
 
     def _split(self, u, sessions) -> Split:
         """Hold out the ends of the pieces, or the beginnings where something shows at the ends only."""
@@ -646,11 +640,3 @@ def _check_motion(y: np.ndarray) -> None:
 
 def _longer_than(n: int, pieces: list[tuple[slice, int]]) -> list[tuple[slice, int]]:
     return [(piece, began) for piece, began in pieces if piece.stop - piece.start > n]
-
-
-def _entry(code) -> Effect:
-    if isinstance(code, Effect):
-        return code
-    if code not in CATALOGUE:
-        raise ValueError(f"There is no effect {code!r} in the catalogue; it holds {sorted(CATALOGUE)}.")
-    return CATALOGUE[code]
