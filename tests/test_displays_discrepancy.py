@@ -159,7 +159,7 @@ def test_what_cannot_be_drawn_is_said(plt, dx, nominal, record):
         LocationDisplay.from_estimator(dx, output=2)
     with pytest.raises(ValueError, match="The run 'a' has 2 samples, y_true has 3"):
         BeforeAfterDisplay.from_predictions(np.zeros(3), {"a": np.zeros(2)})
-    with pytest.raises(ValueError, match=r"There are no effects \['magic'\] in the catalogue"):
+    with pytest.raises(ValueError, match=r"There is no effect 'magic' in the catalogue"):
         ConfusabilityDisplay.from_simulator(nominal, record[0], effects=["magic"], noise=0.01)
 
 

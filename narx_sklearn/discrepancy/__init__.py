@@ -2,7 +2,7 @@
 
 from narx_sklearn.discrepancy.blackbox import CallableSimulator
 from narx_sklearn.discrepancy.checks import DataFinding, check_record
-from narx_sklearn.discrepancy.experiment import Experiment, confusability
+from narx_sklearn.discrepancy.experiment import Experiment, confusability, design_input
 from narx_sklearn.discrepancy.fleet import FleetDiagnosis, diagnose_fleet, pool_estimates
 from narx_sklearn.discrepancy.fmu import FMUSimulator
 from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
@@ -24,6 +24,7 @@ __all__ = [
     "TraceSimulator",
     "check_record",
     "confusability",
+    "design_input",
     "diagnose_fleet",
     "pool_estimates",
 ]

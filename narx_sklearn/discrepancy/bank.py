@@ -98,7 +98,7 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
 
 def directions(jacobian: np.ndarray) -> np.ndarray:
     """Return orthonormal columns, (W T, n), that span the global parameters' sensitivities, (W, T, n_q)."""
-    J = jacobian.reshape(-1, jacobian.shape[2])
+    J = jacobian.reshape(jacobian.shape[0] * jacobian.shape[1], jacobian.shape[2])
     if J.shape[1] == 0:
         return J
     size = np.linalg.norm(J, axis=0)

@@ -4,7 +4,6 @@ import numpy as np
 
 from narx_sklearn.discrepancy.experiment import confusability
 from narx_sklearn.displays._style import import_pyplot
-from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 ALIKE = 20.0  # degrees below which two effects are called look-alikes: cosine above 0.94
 
@@ -55,10 +54,10 @@ class ConfusabilityDisplay:
             The simulation as it stands.
         X : array-like of shape (n_samples, n_inputs)
             The input that will be used.
-        effects : sequence of str or Effect
+        effects : "catalogue" or list of (str or Effect)
             What might be missing, by code or as entries of one's own.
-        noise : float
-            Standard deviation of the measurement noise, in the output's unit.
+        noise : float or sequence of float
+            Standard deviation of the measurement noise, in the output's unit; one value an output, or one.
         alike : float, default=20.0
             Degrees below which a pair counts as look-alikes.
         ax : matplotlib Axes, default=None
@@ -73,16 +72,11 @@ class ConfusabilityDisplay:
         ------
         ImportError
             If matplotlib is not installed.
-        ValueError
-            If a code is not in the catalogue.
+        TypeError, ValueError
+            If an effect, the input or the noise does not fit; see
+            :func:`narx_sklearn.discrepancy.experiment.confusability`.
         """
-        unknown = [e for e in effects if not isinstance(e, Effect) and e not in CATALOGUE]
-        if unknown:
-            raise ValueError(
-                f"There are no effects {unknown} in the catalogue; it holds {sorted(CATALOGUE)}."
-            )
-        chosen = [e if isinstance(e, Effect) else CATALOGUE[e] for e in effects]
-        angles, _ = confusability(simulator, X, effects=chosen, noise=noise)
+        angles, _ = confusability(simulator, X, effects=effects, noise=noise)
         return cls(angles, alike=alike).plot(ax=ax)
 
     @property
