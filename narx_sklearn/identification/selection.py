@@ -245,17 +245,30 @@ def _floating(projection: _Projection, n_terms: int, start: list[int], best: _Be
 
 
 def _settle(projection: _Projection, support: list[int], best: _Best) -> None:
-    """Improve ``support`` in place by swaps, and look back at smaller sets by removals."""
+    """Improve ``support`` in place by swaps, and look back at smaller sets by removals.
+
+    Each is believed once the set itself has been projected: among nearly collinear columns what a step
+    promises may be rounding, and steps that keep no promise go round in circles.
+    """
+    before, unswapped = np.inf, list(support)
     for _ in range(100 + 10 * len(support)):  # far above what was ever needed; guards against a cycle
         rss, removed, swapped = projection.swaps(support)
+        if not rss < before:
+            support[:] = unswapped
+            return
         best.record(support, rss)
         i, j = np.unravel_index(np.argmin(swapped), swapped.shape)
         if swapped[i, j] < rss * (1.0 - IMPROVEMENT) - best.floor:
+            before, unswapped = rss, list(support)
             support[i] = int(j)
             continue
         drop = int(np.argmin(removed))
         if len(support) > 2 and best.improves(len(support) - 1, rss + removed[drop]):
-            del support[drop]
+            shorter = [*support[:drop], *support[drop + 1 :]]
+            if not best.improves(len(shorter), projection.gains(shorter)[0]):
+                return
+            before = np.inf
+            support[:] = shorter
             continue
         return
 
