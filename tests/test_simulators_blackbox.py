@@ -124,6 +124,30 @@ def test_misaligned_and_short_traces_are_refused():
 # -- a program -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("kind", ["coloured", "held"])
+def test_a_trace_and_an_input_that_are_swapped_are_told_soon(kind):
+    rng = np.random.default_rng(0)
+    push = {
+        "coloured": lfilter([0.3], [1, -0.7], rng.normal(size=2000)),
+        "held": np.repeat(rng.normal(size=200), 10),
+    }[kind]
+    motion = lfilter([0.0, 2e-4, 2e-4], [1.0, -1.968, 0.984], push)
+    with pytest.warns(NarxWarning, match="misses held-out simulated output") as told:
+        sim = TraceSimulator(push, motion, dt=0.02)
+    assert sim.twin_error_ > 0.3
+    if sim.twin_error_ > 0.9:
+        assert "are u and y_sim swapped" in str(told[0].message)
+
+
+def test_a_trace_that_follows_nothing_is_refused():
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match=r"No NARX model could be identified .* is it noise"):
+        TraceSimulator(rng.normal(size=600), np.repeat(rng.normal(size=60), 10), dt=0.02)
+    push = rng.normal(size=2000)
+    with pytest.raises(ValueError, match="are the two swapped"):
+        TraceSimulator(push, lfilter([0.0, 2e-4, 2e-4], [1.0, -1.968, 0.984], push), dt=0.02)
+
+
 def test_program_is_called_with_its_parameters():
     u = excitation()
     np.testing.assert_array_equal(PROGRAM.simulate(u)[:, 0], lag(u[:, None], {"gain": 2.0, "pole": 0.8}))
@@ -263,6 +287,8 @@ def test_wrong_programs_are_named():
         CallableSimulator(lambda u, parameters: parameters["mass"], *about).simulate(np.ones(5))
     with pytest.raises(ValueError, match=r"returned shape \(4,\); wanted is \(5, 1\)"):
         CallableSimulator(lambda u, parameters: np.ones(4), *about).simulate(np.ones(5))
+    with pytest.raises(ValueError, match=r"returned None; wanted are outputs of shape \(5,\) or \(5, 1\)"):
+        CallableSimulator(lambda u, parameters: None, *about).simulate(np.ones(5))
     with pytest.raises(TypeError, match="simulate must be callable"):
         CallableSimulator(None, *about)
     with pytest.raises(TypeError, match="parameters must map"):

@@ -220,6 +220,11 @@ class CallableSimulator(TwinSimulator):
                 f"simulate(u, parameters) raised {type(error).__name__}: {error}, called with u of shape "
                 f"{u.shape} and {parameters}."
             ) from error
+        if np.ndim(answer) == 0:
+            raise ValueError(
+                f"simulate(u, parameters) returned {answer!r}; wanted are outputs of shape "
+                f"({u.shape[0]},) or ({u.shape[0]}, {len(self.outputs)}). Let it end in return y."
+            )
         y = as_signals(answer, "the result of simulate")
         wanted = (u.shape[0], len(self.outputs))
         if y.shape != wanted:

@@ -23,6 +23,7 @@ from narx_sklearn.model import free_run
 
 TRAINING_SHARE = 0.7
 GOOD_ENOUGH = 1e-3  # held-out error over the output's standard deviation at which the search ends
+BLIND = 0.9  # above it the input tells next to nothing of the output
 POOR = 0.05  # above it a warning says that the twin is not the simulator
 FEWEST_SAMPLES = 40
 REMEMBERED = 16  # corrections kept: one for each parameter that is moved, and the nominal one
@@ -100,24 +101,34 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
         except ValueError as refusal:
             refused = refusal  # the part is shorter than these lags, or its regressors are all constant
             continue
+        if not candidate.model_.n_terms:
+            continue  # neither the input nor the past says anything of the output
         if np.isfinite(error) and (best is None or error < best[1]):
             best = candidate.model_, error
         if error < GOOD_ENOUGH:
             break
-    if best is None:
-        raise ValueError(
-            "No NARX model could be identified from the simulated output: is the input constant, or does "
-            f"y_sim belong to another record?{f' The last attempt said: {refused}' if refused else ''}"
-        ) from refused
-    model, error = best
-    twin = Twin(NARXSimulator(model, dt), float(error))
-    if equation is not None and equation.error < error:
+    if equation is not None and equation.error < (BLIND if best is None else best[1]):
         twin = equation
+    elif best is not None:
+        twin = Twin(NARXSimulator(best[0], dt), float(best[1]))
+    else:
+        raise ValueError(
+            "No NARX model could be identified from the simulated output: is it noise, is the input "
+            "constant, are the two swapped, or does y_sim belong to another record? Pass the output of a "
+            "simulation and the inputs that led to it."
+            f"{f' The last attempt said: {refused}' if refused else ''}"
+        ) from refused
     if twin.error > POOR:
+        swapped = (
+            " The input tells next to nothing of it: are u and y_sim swapped, or of different records?"
+            if twin.error > BLIND
+            else ""
+        )
         warnings.warn(
             f"The twin of the simulator misses held-out simulated output by {100 * twin.error:.1f} % of its "
             "standard deviation, so what is found at state equations is no surer than that. Pass a "
-            "regressor with more lags, a higher degree or phi regressors, or the simulator's equations.",
+            "regressor with more lags, a higher degree or phi regressors, or the simulator's equations."
+            f"{swapped}",
             NarxWarning,
             stacklevel=3,
         )
