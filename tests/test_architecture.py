@@ -16,7 +16,7 @@ PACKAGE = Path(narx_sklearn.__file__).parent
 NAME = PACKAGE.name
 
 # Imports go from higher to lower floors, or stay inside a room. The modules of the ground are one room.
-GROUND = {"_validation", "_typing", "_threads", "exceptions", "metrics"}
+GROUND = {"_validation", "_typing", "_threads", "_progress", "exceptions", "metrics"}
 FLOORS = dict.fromkeys(GROUND, 0) | {
     "model": 1,
     "physics": 2,

@@ -17,13 +17,13 @@ import pandas as pd
 import pytest
 
 import narx_sklearn
-from narx_sklearn import DiscrepancyRegressor
+from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn._progress import progress, write_beside
 from narx_sklearn.cli import _demo, _excite, main
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
 from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
-from narx_sklearn.cli._progress import progress, write_beside
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.model import NARXModel
 
@@ -400,6 +400,22 @@ def test_a_terminal_that_was_asked_to_be_quiet_shows_no_bar(terminal, monkeypatc
         begin("first")
     print("end", file=stream, flush=True)
     assert wait_for("end", shown).strip() == "end"
+
+
+def test_an_estimator_shows_the_same_bar_where_it_is_asked_to(terminal, monkeypatch):
+    stream, shown = terminal
+    monkeypatch.setattr(sys, "stderr", stream)
+    sim = ODESimulator(
+        lambda x, u, p: (p[0] * u[0] - x[0],), dt=0.1, parameters={"a": 1.0}, states=["h"], inputs=["u"]
+    )
+    u = np.repeat(np.random.default_rng(0).normal(size=30), 5)
+    y = sim.simulate(u) + 0.01 * np.random.default_rng(1).normal(size=(150, 1))
+    DiscrepancyRegressor(sim, effects=["constant_load"], verbose=1).fit(u, y)
+    print("end", file=stream, flush=True)
+    told = wait_for("end", shown)
+    assert "location |" in told
+    assert " 82 % [" in told
+    assert "[narx_sklearn]" not in told
 
 
 # tests that run in the background inherit that SIGINT is ignored

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from small_machines import axis_problem
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
@@ -185,6 +186,11 @@ class TestFit:
         np.testing.assert_allclose(down.model.q, up.model.q, rtol=1e-6)
         np.testing.assert_allclose(down.jacobian, up.jacobian, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(np.abs(down.steps), np.abs(up.steps), rtol=1e-6)
+
+    def test_intervals_end_at_the_bounds(self):
+        problem, model = axis_problem(noise=0.5, n=200)
+        low, high = intervals(problem, fit(problem, model), level=0.9999)[1]  # a damping is not negative
+        assert low == 0.0 < high
 
     def test_missing_outputs_do_not_count(self):
         problem, model = make_problem(seed=3)

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
-from narx_sklearn.discrepancy.checks import DataFinding, still_standing
+from narx_sklearn.discrepancy.checks import DataFinding, _named_ratio, _named_zero, still_standing
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Windows
@@ -264,3 +264,38 @@ def test_a_mistake_is_told_beside_missing_physics_and_not_sold_as_physics(kind, 
     assert dx.verdict_ not in ("explained", "ambiguous")
     if dx._diagnosis.record_misleads:
         assert "mend it first" in dx.report_
+
+
+@pytest.mark.parametrize(
+    ("slope", "unit", "words"),
+    [
+        (43.0, "m", "between metres and inches (39.37)"),
+        (1 / 25.4, "mm", "between inches and millimetres (25.4)"),
+        (52.0, "rad", "between radians and degrees"),
+        (8.8, "rad/s", "between rad/s and rpm (9.549)"),
+        (9e4, "Pa", "between bar and Pa"),
+        (7100.0, "Pa", "between psi and Pa (6895)"),
+        (0.0011, "V", "between a unit and its thousandth"),
+    ],
+)
+def test_a_factor_is_named_by_what_the_signal_is_measured_in(slope, unit, words):
+    assert _named_ratio(slope, [unit, "V"]).removeprefix(", as ").startswith(words)
+
+
+def test_a_factor_that_is_no_change_of_units_has_no_name():
+    assert _named_ratio(300.0, ["m"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("slope", "offset", "unit", "words"),
+    [
+        (1.1, 273.15, "degC", "between degrees Celsius and kelvin (273.15)"),
+        (0.9, -272.0, "K", "between degrees Celsius and kelvin (273.15)"),
+        (1.7, 32.0, "degC", "between degrees Celsius and Fahrenheit (1.8, 32)"),
+        (1.8, -459.67, "K", "between kelvin and degrees Fahrenheit (1.8, -459.67)"),
+    ],
+)
+def test_scales_of_temperature_are_named(slope, offset, unit, words):
+    assert _named_zero(slope, offset, unit) == f", as {words}"
+    assert _named_zero(slope, offset, "m") == ""
+    assert _named_zero(slope, 2 * offset, unit) == ""

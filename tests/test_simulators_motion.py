@@ -6,7 +6,10 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import TraceSimulator
+from narx_sklearn.discrepancy.findings import parameter_units
 from narx_sklearn.discrepancy.motion import MotionSimulator
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.physics.effects import CATALOGUE
 
 
 def slide(x, u, p):
@@ -41,7 +44,7 @@ def test_a_position_and_its_velocity_stand_behind_a_trace(values, hold):
     true = {"y": -stiffness, "y'": -damping, "u": gain}
     assert found == pytest.approx({name: value for name, value in true.items() if value}, rel=1e-4)
     assert twin.linear_hold == (hold == "linear")
-    assert [str(s) for s in twin.states] == ["y", "y'"]
+    assert [str(s) for s in twin.states] == ["y", "y' [1/s]"]
 
 
 def test_a_trace_as_it_is_printed_will_do():
@@ -141,3 +144,19 @@ def test_a_trace_without_inputs_takes_those_of_the_record():
     assert waiting.score(inputs, y) > 0.999
     with pytest.raises(ValueError, match="y_sim has 1000 samples, u has 900"):
         waiting.fit(inputs[:900], y[:900])
+
+
+@pytest.mark.parametrize(("label", "unit"), [("q", "1/s^2"), ("q [m]", "1/m^2/s^2")])
+def test_an_effect_in_the_equation_of_the_rate_has_the_unit_of_an_acceleration(label, unit):
+    u = drive(600)
+    y = pd.Series(machine((2.0, 0.5, 30.0)).simulate(u)[:, 0], name=label)
+    twin = TraceSimulator(y, u, dt=0.02).twin_
+    spring = PlacedEffect(
+        CATALOGUE["cubic_stiffness"],
+        Port("state", 1),
+        (1.0, 0.0),
+        theta=(1.0,),
+        argument_name="q",
+        argument_unit=twin.states[0].unit,
+    )
+    assert parameter_units(spring, twin) == [unit]

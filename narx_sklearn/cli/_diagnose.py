@@ -6,27 +6,17 @@ from importlib.util import find_spec
 import numpy as np
 import pandas as pd
 
+from narx_sklearn._progress import progress
 from narx_sklearn.cli._columns import Recording, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
-from narx_sklearn.cli._progress import progress
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.discrepancy import DiscrepancyRegressor, TraceSimulator
+from narx_sklearn.discrepancy.settings import STAGES
 
 LONGEST = 500  # samples of a proposed experiment
-STAGES = {  # share of the time, in per cent, that has usually passed when a stage begins
-    "check of the record": 0,
-    "fit of the simulator's own parameters": 10,
-    "colour of the noise": 12,
-    "search for missing physics": 35,
-    "search again, under the noise that the first effect leaves": 55,
-    "rivals and unnamed curves": 73,
-    "location": 82,
-    "verification on held-out samples": 84,
-    "experiment that would tell": 86,
-    "report": 88,
-}
+WITH_REPORT = STAGES | {"experiment that would tell": 86, "report": 88}
 FAR = 1e6  # times the usual size of a simulated output, beyond which it has diverged
 SAME_PERIOD = 0.01  # relative difference up to which the periods of record and simulator are one
 
@@ -79,7 +69,7 @@ def tell_diagnosis(
 ) -> None:
     """Fit, and write what was asked for: words, JSON, the report."""
     y = recording.y.iloc[:, 0] if recording.y.shape[1] == 1 else recording.y
-    with progress(STAGES, quiet=options.quiet) as begin:
+    with progress(WITH_REPORT, quiet=options.quiet) as begin:
         dx._tell = begin  # type: ignore  # an estimator tells its stages by this method
         dx.fit(recording.u, y, sessions=recording.sessions)
         page = _page(dx, recording, y, begin, title=title, source=source) if options.report else None

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 
+from narx_sklearn._progress import progress
 from narx_sklearn.analysis import residual_tests
 from narx_sklearn.cli._columns import Recording, last_part, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import say, tell_notes, write_json
-from narx_sklearn.cli._progress import progress
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import free_run, predict_one_step

@@ -7,9 +7,9 @@ import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+from narx_sklearn._progress import write_beside
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._parser import make_parser
-from narx_sklearn.cli._progress import write_beside
 from narx_sklearn.exceptions import NarxWarning
 
 PROGRAM = "narx-sklearn"

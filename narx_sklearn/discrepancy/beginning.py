@@ -53,13 +53,15 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     if not inside.any():
         raise ValueError(
             "The simulation left the finite range at its first sample; check its parameters, units and dt."
+            + _finer_steps(simulator, *_first_points(simulator, u, y, pieces))
         )
     structure = find_structure(simulator, x[inside], u[inside])
     pace = find_pace(simulator, x[inside], u[inside])
     n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
     length = settings.window or window_length(simulator, pace, n_samples)
     shortest = shortest_window(simulator)
-    _check_growth(simulator, pace, shortest)
+    finer = _finer_steps(simulator, x, u)
+    _check_growth(simulator, pace, shortest, finer)
     windows = spread_out(cut(pieces, length, shortest))
     if not windows.count:
         raise ValueError(
@@ -83,22 +85,41 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     if settings.window is None and not (pace.forgets or pace.growth):
         longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
         problem, refitted = _lengthened(problem, refitted, spread_out(longer))
-    _check_finite(problem, refitted)
+    _check_finite(problem, refitted, finer)
     return Beginning(problem, refitted, structure, pace, 0 if problem is before else length)
 
 
-def _check_growth(simulator: Simulator, pace: Pace, shortest: int) -> None:
+def _finer_steps(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> str:
+    """Return, in words, how many substeps the equations want at states, where that is more than they have."""
+    wanted = simulator.steps_wanted(x, u)
+    if not wanted:
+        return ""
+    return (
+        " Its equations are stiff: their fastest eigenvalue is too fast for integration steps of "
+        f"{simulator.dt / simulator.substeps:.4g} s. Pass substeps={wanted} to the simulator first."
+    )
+
+
+def _first_points(
+    simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states with which pieces begin, as far as they are measured, and the inputs there."""
+    first = np.array([piece.start for piece, _ in pieces], dtype=np.int64)
+    return np.nan_to_num(simulator.known_states(u, y, first)), u[first]
+
+
+def _check_growth(simulator: Simulator, pace: Pace, shortest: int, finer: str) -> None:
     """Raise where equations grow so fast that they are no machine's: a run is lost within any window."""
     if simulator.discrete or followed_for(simulator, pace) >= shortest / 2:
         return
     raise ValueError(
         f"The simulation diverges: as it stands it grows e-fold in {1 / (pace.growth * simulator.dt):.2g} "
         f"samples, so even a window of {shortest} samples is lost. Check the signs of its terms, its units "
-        f"and its dt={simulator.dt:.6g}."
+        f"and its dt={simulator.dt:.6g}.{finer}"
     )
 
 
-def _check_finite(problem: Problem, refitted: Fit) -> None:
+def _check_finite(problem: Problem, refitted: Fit, finer: str) -> None:
     """Raise where a simulation leaves the finite range even in short windows, so nothing could be fitted."""
     if np.isfinite(refitted.cost):
         return
@@ -111,7 +132,7 @@ def _check_finite(problem: Problem, refitted: Fit) -> None:
         f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
         f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. Check the signs "
         f"of its terms, its units and its dt={dt:.6g}; start from parameters with which it stays near the "
-        "recording; or pass a shorter window."
+        f"recording; or pass a shorter window.{finer}"
     )
 
 

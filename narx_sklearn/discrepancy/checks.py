@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.mistakes import (
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.units import conversion
 from narx_sklearn.discrepancy.windows import find_pace
 
 TIME_CONSTANTS = 4.0  # a window's length; a session should hold one
@@ -34,12 +35,33 @@ SUSPICIOUS_COUNT = 5
 DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
 FAR_LESS = 0.5  # of what undoing a mistake leaves: what an effect leaves that speaks against the mistake
 MENDED_FIRST = ("time_scale", "swapped", "sign", "units")  # physics beside them is theirs
-KNOWN_RATIOS = {
-    1e3: "as between a unit and its thousandth (m and mm)",
-    1e6: "as between a unit and its millionth (m and um)",
-    100.0: "as between a unit and its hundredth, or a fraction and per cent",
-    180 / np.pi: "as between radians and degrees",
-}
+# what a factor may be, and the units of one kind that it lies between
+KNOWN_RATIOS = (
+    (1e3, "between a unit and its thousandth (m and mm)", ""),
+    (1e6, "between a unit and its millionth (m and um)", ""),
+    (1e9, "between a unit and its billionth (m and nm)", ""),
+    (100.0, "between a unit and its hundredth, or a fraction and per cent", ""),
+    (10.0, "between a unit and its tenth", ""),
+    (1 / 0.0254, "between metres and inches (39.37)", "m"),
+    (25.4, "between inches and millimetres (25.4)", "m"),
+    (1 / 0.3048, "between metres and feet (3.281)", "m"),
+    (180 / np.pi, "between radians and degrees", "rad"),
+    (30 / np.pi, "between rad/s and rpm (9.549)", "rad/s"),
+    (2 * np.pi, "between turns and radians (6.283)", "rad"),
+    (1e5, "between bar and Pa", "Pa"),
+    (6894.757, "between psi and Pa (6895)", "Pa"),
+    (14.50377, "between bar and psi (14.5)", "Pa"),
+)
+NEAR_RATIO = 1.33  # a gain is known to a third only
+NAMED = 2  # of the changes of units that a factor looks like
+FAHRENHEIT = 1.8
+ZEROS = (  # slope, offset, what lies between; offsets are known to a tenth
+    (1.0, 273.15, "between degrees Celsius and kelvin (273.15)"),
+    (FAHRENHEIT, 32.0, "between degrees Celsius and Fahrenheit (1.8, 32)"),
+    (FAHRENHEIT, -459.67, "between kelvin and degrees Fahrenheit (1.8, -459.67)"),
+)
+TEMPERATURES = ("", "K", "degC", "°C", "degF", "°F", "C", "F")
+NEAR_ZERO = 0.1
 
 
 @dataclass(frozen=True)
@@ -335,13 +357,17 @@ def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) ->
         return []
     found = []
     for j, signal in enumerate(simulator.outputs):
+        units = [signal.unit, *(s.unit for s in simulator.inputs)]
         slope, offset = float(scaled.affine.slope[j]), float(scaled.affine.offset[j])
         spread = float(np.nanstd(case.y[:, j]))
         facts = []
         if not SCALE_RANGE[0] < slope < SCALE_RANGE[1]:
-            facts.append(f"{slope:.4g} times what the simulator gives{_named_ratio(slope)}")
+            facts.append(f"{slope:.4g} times what the simulator gives{_named_ratio(slope, units)}")
         if abs(offset) > OFFSET_LIMIT * spread:
-            facts.append(f"shifted by {offset:.6g}, {abs(offset) / spread:.1f} standard deviations")
+            facts.append(
+                f"shifted by {offset:.6g}, {abs(offset) / spread:.1f} standard deviations"
+                + _named_zero(slope, offset, signal.unit)
+            )
         if facts:
             found.append(
                 DataFinding(
@@ -361,8 +387,25 @@ def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) ->
     return found
 
 
-def _named_ratio(slope: float) -> str:
-    """Return the change of units that a slope looks like; a gain is known to a third only."""
+def _named_ratio(slope: float, units: Sequence[str]) -> str:
+    """Return the changes of units that a slope looks like, those first that the signals' units may have."""
     size = max(slope, 1 / slope)
-    ratio = min(KNOWN_RATIOS, key=lambda known: abs(np.log(size / known)))
-    return f", {KNOWN_RATIOS[ratio]}" if abs(np.log(size / ratio)) < np.log(1.33) else ""
+
+    def rank(known) -> tuple[bool, float]:
+        ratio, _, unit = known
+        of_its_kind = bool(unit) and any(conversion(unit, other) for other in units if other)
+        return not of_its_kind, abs(np.log(size / ratio))
+
+    alike = sorted((k for k in KNOWN_RATIOS if abs(np.log(size / k[0])) < np.log(NEAR_RATIO)), key=rank)
+    return f", as {', or '.join(words for _, words, _ in alike[:NAMED])}" if alike else ""
+
+
+def _named_zero(slope: float, offset: float, unit: str) -> str:
+    """Return the scales of temperature that a shifted output looks like."""
+    if unit not in TEMPERATURES or slope <= 0:
+        return ""
+    for scale, zero, words in ZEROS:
+        for a, b in ((scale, zero), (1 / scale, -zero / scale)):
+            if abs(np.log(slope / a)) < np.log(NEAR_RATIO) and abs(offset - b) < NEAR_ZERO * abs(b):
+                return f", as {words}"
+    return ""

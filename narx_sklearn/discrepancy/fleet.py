@@ -352,14 +352,17 @@ def _effect_table(found: dict[Any, _One], level: float) -> pd.DataFrame:
 def _value_table(found: dict[Any, _One], times: np.ndarray) -> pd.DataFrame:
     rows = []
     for (name, one), time in zip(found.items(), times, strict=True):
-        half = 2 * norm.ppf(0.5 + one.level / 2)  # widths of an interval, in standard errors
+        half = norm.ppf(0.5 + one.level / 2)  # width of half an interval, in standard errors
+
+        def error_of(value, low, high, half=half):
+            return max(high - value, value - low) / half  # a bound may have cut one half short
+
         for parameter, row in one.own.iterrows():
-            error = (row["high"] - row["low"]) / half
+            error = error_of(row["value"], row["low"], row["high"])
             rows.append((name, time, OWN, "", parameter, row["value"], error, row["unit"]))
         for f in one.findings:
             for parameter, value in f.parameters.items():
-                low, high = f.intervals[parameter]
-                error = (high - low) / half
+                error = error_of(value, *f.intervals[parameter])
                 rows.append((name, time, f.effect, f.place, parameter, value, error, f.units[parameter]))
     columns = ["recording", "order", "effect", "place", "parameter", "value", "standard_error", "unit"]
     return pd.DataFrame(rows, columns=columns)

@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit, all_bounds
+from narx_sklearn.discrepancy.refit import Fit
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
@@ -42,15 +42,16 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
 
 
 def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
-    """Return confidence intervals of the global parameters, (n_q, 2).
+    """Return confidence intervals of the global parameters, (n_q, 2), as far as their bounds allow.
 
     Of what the record does not show, the interval is all that it may be.
     """
     q = fit.model.q
     error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    width = norm.ppf(0.5 + level / 2) * error
     silent = ~np.any(fit.jacobian, axis=(0, 1))
-    return np.where(silent[:, None], all_bounds(problem, fit.model), np.column_stack([q - width, q + width]))
+    width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
+    domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
+    return np.clip(np.column_stack([q - width, q + width]), domain[:, :1], domain[:, 1:])
 
 
 def confidence_in_nothing(p_value: float) -> float:

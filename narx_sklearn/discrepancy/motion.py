@@ -37,7 +37,7 @@ class MotionSimulator(TracedEquation):
         self.order, self.terms = order, tuple(terms)
         self.inputs, self.outputs, self.dt = inputs, (output,), dt
         self.substeps, self.linear_hold = substeps, linear_hold
-        rate = Signal(f"{output.name}'", quotient(output.unit, "s"))
+        rate = Signal(f"{output.name}'", quotient(output.unit or "1", "s"))
         self.states = (output, rate)[:order]
         units = {s.name: s.unit for s in (*self.states, *inputs)} | {"1": "-"}
         highest = quotient(output.unit, "s" if order == 1 else "s^2")

@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.switches import Switches, find_switches
 from narx_sklearn.exceptions import NarxWarning
 
 STABLE = 2.78  # |eigenvalue| times step at which a Runge-Kutta step of order four loses stability
+SETTLED = 1.5  # of it, at which a step is about right too
 SHOWN = 8  # signals named in a representation
 PASSING = 3  # of them may be stiff in passing
 LOOKED_AT = 16  # samples of a run at which eigenvalues are taken
@@ -235,26 +236,31 @@ class ODESimulator(Simulator):
 
     def _warn_of_trouble(self, run, u, windows) -> None:
         super()._warn_of_trouble(run, u, windows)
-        fastest = self._fastest(run, u) * self.dt
-        if fastest > STABLE * self.substeps:
+        wanted = self.steps_wanted(run.x, u)
+        if wanted:
             warnings.warn(
-                f"The fastest eigenvalue of the equations is {fastest / self.dt:.4g} 1/s, too fast for "
+                f"The fastest eigenvalue of the equations is {self._fastest(run.x, u):.4g} 1/s, too fast for "
                 f"integration steps of {self.dt / self.substeps:.4g} s: the run may be unstable or wrong. "
-                f"Try substeps={int(np.ceil(fastest / 1.5))}.",
+                f"Try substeps={wanted}.",
                 NarxWarning,
                 stacklevel=3,
             )
 
-    def _fastest(self, run, u) -> float:
+    def steps_wanted(self, x, u):
+        """Return how many integration steps a sample takes at states of a run; 0 where those it has do."""
+        fastest = self._fastest(x, u) * self.dt
+        return int(np.ceil(fastest / SETTLED)) if fastest > STABLE * self.substeps else 0
+
+    def _fastest(self, x, u) -> float:
         """Return the largest eigenvalue, 1/s, of the equations in a fifth of a run, growing modes left out.
 
         A single point does not count: at an empty tank the slope of a root is infinite.
         """
-        good = np.flatnonzero(np.isfinite(run.x).all(axis=1) & np.isfinite(u).all(axis=1))
+        good = np.flatnonzero(np.isfinite(x).all(axis=1) & np.isfinite(u).all(axis=1))
         fastest = [0.0] * (PASSING + 1)
         if good.size and self.states:
             for k in good[np.linspace(0, good.size - 1, LOOKED_AT).astype(int)]:
-                A = linearise(self, self.switches.clear_of(run.x[k], steps(run.x[k])), u[k]).A
+                A = linearise(self, self.switches.clear_of(x[k], steps(x[k])), u[k]).A
                 if np.all(np.isfinite(A)):
                     eigenvalues = np.linalg.eigvals(A)
                     slow = eigenvalues.real <= 1e-6 * np.abs(eigenvalues)

@@ -1,18 +1,25 @@
 """A record as arrays, its columns in the order of a simulator's signals, and what is held out of it."""
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn._validation import (
-    as_signals,
-    column_labels,
-    finite_rows,
-    finite_slices,
-    session_slices,
-    split_unit,
+from narx_sklearn._validation import finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.checks import DataFinding
+from narx_sklearn.discrepancy.columns import (
+    check_indexes,
+    index_step,
+    other_step,
+    read_columns,
+    unlike_units,
 )
 from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.windows import shortest_window
+from narx_sklearn.exceptions import NarxWarning
+
+SMALLEST, LARGEST = 1e-75, 1e75  # magnitudes whose fourth powers are still numbers
+FEWEST_VALUES = 20  # measured values in windows, as locating a force takes
 
 Piece = tuple[slice, int]  # a stretch without gaps in the inputs, and the first sample of its session
 
@@ -25,36 +32,107 @@ class Split(NamedTuple):
 
 
 def read_record(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs and outputs as arrays, in the order of the simulator's."""
-    u = read_inputs(X, simulator)
-    measured = np.require(as_signals(y, "y"), requirements=["C", "W"])
+    """Return inputs and outputs as arrays, in the order of the simulator's.
+
+    Raises
+    ------
+    ValueError
+        If columns or rows do not fit the simulator or each other, or values cannot be compared.
+    """
+    u, measured = read_inputs(X, simulator), read_outputs(y, simulator)
     if len(measured) != len(u):
         raise ValueError(f"X has {len(u)} samples and y has {len(measured)}; they must be of one length.")
-    if measured.shape[1] != len(simulator.outputs):
+    check_indexes(X, y)
+    if len(simulator.inputs) and not finite_rows(u).any():
+        bare = [str(s) for s, column in zip(simulator.inputs, u.T, strict=True) if np.isnan(column).all()]
         raise ValueError(
-            f"y has {measured.shape[1]} columns, the simulator has {len(simulator.outputs)} outputs: "
-            f"{[str(s) for s in simulator.outputs]}."
+            f"X is NaN at every sample{f' of {bare}' if bare else ' in one input or another'}: NaN marks "
+            "gaps, and nothing is left between them. Pass the recorded inputs."
         )
+    for name, signals, values in (("X", simulator.inputs, u), ("y", simulator.outputs, measured)):
+        for signal, column in zip(signals, values.T, strict=True):
+            _check_size(column, f"{name}'s column for {str(signal)!r}")
     return u, measured
 
 
-def read_inputs(X, simulator: Simulator) -> np.ndarray:
+def read_inputs(X, simulator: Simulator, name: str = "X") -> np.ndarray:
     """Return inputs as an array, in the order of the simulator's."""
-    wanted = [signal.name for signal in simulator.inputs]
-    labels = column_labels(X)
-    if hasattr(X, "columns") and labels is not None:
-        names = [split_unit(label)[0] for label in labels]
-        missing = [name for name in wanted if name not in names]
-        if not missing:
-            X = X.iloc[:, [names.index(name) for name in wanted]]
-        elif len(names) != len(wanted) or any(name in names for name in wanted):
-            raise ValueError(
-                f"X lacks the columns {missing}; it has {names}, the simulator's inputs are {wanted}."
-            )
-    u = np.require(as_signals(X, "X"), requirements=["C", "W"])
-    if u.shape[1] != len(wanted):
-        raise ValueError(f"X has {u.shape[1]} columns, the simulator has {len(wanted)} inputs: {wanted}.")
-    return u
+    u = read_columns(X, simulator.inputs, name, "input")
+    return np.require(u, requirements=["C", "W"])
+
+
+def read_outputs(y, simulator: Simulator, name: str = "y") -> np.ndarray:
+    """Return measured outputs as an array, in the order of the simulator's."""
+    measured = read_columns(y, simulator.outputs, name, "output")
+    return np.require(measured, requirements=["C", "W"])
+
+
+def _check_size(column: np.ndarray, what: str) -> None:
+    """Raise where powers of values are zero or infinite, in which no error can be told from none."""
+    largest = float(np.nanmax(np.abs(column), initial=0.0))
+    if largest == 0.0 or SMALLEST <= largest <= LARGEST:
+        return
+    raise ValueError(
+        f"{what} holds values of up to {largest:.3g}, too {'small' if largest < SMALLEST else 'large'} to "
+        f"square: magnitudes from {SMALLEST:g} to {LARGEST:g} can be used. Choose a unit in which they are "
+        "nearer to 1."
+    )
+
+
+def label_findings(X, y, simulator: Simulator, sessions=None) -> list[DataFinding]:
+    """Return what the labels of a record say against the simulator: of units, and of time.
+
+    Raises
+    ------
+    ValueError
+        If time goes back in an index.
+    """
+    found = [
+        DataFinding("units", words, evidence)
+        for told in (
+            unlike_units(X, simulator.inputs, "X", "input"),
+            unlike_units(y, simulator.outputs, "y", "output"),
+        )
+        for words, evidence in told
+    ]
+    steps = [index_step(data, sessions, name) for data, name in ((X, "X"), (y, "y"))]
+    step = next((step for step in steps if step is not None), None)
+    words = other_step(step, simulator.dt)
+    if words:
+        found.append(DataFinding("time_scale", words, {"step": step, "dt": simulator.dt}))
+    return found
+
+
+def warn_of_step(X, simulator: Simulator, sessions=None) -> None:
+    """Warn where the time index of inputs advances by another step than the simulator."""
+    words = other_step(index_step(X, sessions, "X"), simulator.dt)
+    if words:
+        warnings.warn(words, NarxWarning, stacklevel=3)
+
+
+def check_length(simulator: Simulator, u: np.ndarray, y: np.ndarray, sessions, test_fraction: float) -> None:
+    """Raise where too few samples are left to fit to, held-out ones not counted."""
+    pieces = pieces_of(u, sessions)
+    shortest = shortest_window(simulator)
+    fitting = [piece for piece, _ in hold_out(pieces, test_fraction).fitting]
+    usable = [piece for piece in fitting if piece.stop - piece.start >= shortest]
+    measured = np.isfinite(y) | ~np.isfinite(y).any()  # what is missing throughout is no matter of length
+    seen = sum(int(measured[piece].sum()) for piece in usable)
+    if seen >= FEWEST_VALUES:
+        return
+    needed = int(np.ceil(max(shortest, FEWEST_VALUES / y.shape[1]) / (1 - test_fraction)))
+    longest = max((piece.stop - piece.start for piece, _ in pieces), default=0)
+    if longest >= needed:
+        raise ValueError(
+            f"y has {seen} measured values where X has no gaps and nothing is held out; a diagnosis takes at "
+            f"least {FEWEST_VALUES}. The others are NaN: pass a record in which more was measured."
+        )
+    raise ValueError(
+        f"The record is too short: its longest stretch without gaps in X has {longest} samples, and a "
+        f"diagnosis of this simulator takes at least {needed}. A fitting window needs {shortest} samples, "
+        f"{FEWEST_VALUES} measured values in all, and test_fraction={test_fraction:g} of the samples is held "
+        "out. Pass a longer record, some hundreds of samples to find anything."
+    )
 
 
 def pieces_of(u: np.ndarray, sessions) -> list[Piece]:

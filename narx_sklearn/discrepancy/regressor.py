@@ -1,8 +1,9 @@
 """DiscrepancyRegressor: the diagnosis as a scikit-learn estimator."""
 
-import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from numbers import Integral
+from numbers import Integral, Real
 
 import numpy as np
 import pandas as pd
@@ -10,12 +11,9 @@ from scipy.stats import chi2
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from narx_sklearn._progress import progress
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import (
-    as_signals,
-    column_labels,
-    session_slices,
-)
+from narx_sklearn._validation import column_labels, session_slices
 from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.checks import check_record, still_standing, to_be_mended
@@ -28,11 +26,21 @@ from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.judgement import UNEXPLAINED
 from narx_sklearn.discrepancy.location import locate
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.record import Split, hold_out, pieces_of, read_inputs, read_record
+from narx_sklearn.discrepancy.record import (
+    Split,
+    check_length,
+    hold_out,
+    label_findings,
+    pieces_of,
+    read_inputs,
+    read_outputs,
+    read_record,
+    warn_of_step,
+)
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.settings import Settings, read_effects
+from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
@@ -98,7 +106,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     n_jobs : int, optional
         Threads over hypotheses.
     verbose : int, default=0
-        1 tells each stage on standard error.
+        1 shows a progress bar with the stages on standard error, or a line for each stage where that is no
+        terminal.
 
     Attributes
     ----------
@@ -191,9 +200,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : array-like or DataFrame of shape (n_samples, n_inputs)
-            Recorded inputs, in the order of the simulator's, or a DataFrame with columns of their names.
-        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Recorded outputs; NaN where a sample is missing.
+            Recorded inputs, in the order of the simulator's, or a DataFrame with columns of their names, with
+            or without units, among any others. A DataFrame with none of the names is taken in order.
+        y : array-like, Series or DataFrame of shape (n_samples,) or (n_samples, n_outputs)
+            Recorded outputs; NaN where a sample is missing. The columns of a DataFrame are found as those of
+            ``X`` are.
         sessions : array-like of shape (n_samples,), optional
             One label a sample; each run of equal labels is a recording of its own.
 
@@ -204,10 +215,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError, TypeError
-            If a setting or the record does not fit; the message says which and what would.
+            If a setting or the record does not fit; the message says which and what would. Labels count: a
+            column whose unit is another than the simulator's, rows of ``X`` and ``y`` with different
+            indexes, and times that go back are refused.
         """
         self._check_settings()
-        with single_threaded_blas():
+        with single_threaded_blas(), self._shown_stages():
             return self._fit(X, y, sessions)
 
     def _fit(self, X, y, sessions):
@@ -216,10 +229,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not simulator.inputs:  # a trace that waits for the inputs that led to it
             simulator = simulator.identified(X, sessions=sessions)
         u, measured = read_record(X, y, simulator)
+        check_length(simulator, u, measured, sessions, self.test_fraction)
         _check_motion(measured)
+        self.data_findings_ = label_findings(X, y, simulator, sessions)
         self._tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
-        self.data_findings_ = list(check_record(simulator, u, measured, sessions, self.n_jobs))
+        check_length(simulator, u, measured, sessions, self.test_fraction)  # a twin's states are known now
+        self.data_findings_ += check_record(simulator, u, measured, sessions, self.n_jobs)
         steps = measured_steps(measured)
         self.data_findings_ += steps_as_findings(steps, simulator.outputs)
         if np.isfinite(steps).any():  # seen in the values themselves, so it need not be looked for
@@ -266,9 +282,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         ----------
         X : array-like or DataFrame of shape (n_samples, n_inputs)
             Inputs.
-        y_init : array-like of shape (n_init,) or (n_init, n_outputs), optional
-            First measured outputs of the first session, to which its initial state is fitted. Without them a
-            run starts from rest, all states zero.
+        y_init : array-like or DataFrame of shape (n_init,) or (n_init, n_outputs), optional
+            First measured outputs of the first session, to which its initial state is fitted; columns as in
+            `fit`. Without them a run starts from rest, all states zero.
         sessions : array-like of shape (n_samples,), optional
             One label a sample; every session starts anew.
 
@@ -276,17 +292,28 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         -------
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Simulated outputs; NaN from where a run left the finite range.
+
+        Raises
+        ------
+        ValueError
+            If ``X`` or ``y_init`` does not fit the simulator, or nothing of ``y_init`` is measured.
+
+        Warns
+        -----
+        NarxWarning
+            If the time index of ``X`` advances by another step than the simulator.
         """
         check_is_fitted(self)
         u = read_inputs(X, self.simulator_)
+        warn_of_step(X, self.simulator_, sessions)
         windows = Windows.whole(session_slices(sessions, u.shape[0]))
         x0 = np.zeros((windows.count, len(self.simulator_.states)))
         if y_init is not None:
-            first = as_signals(y_init, "y_init")
-            if first.shape[1] != len(self.simulator_.outputs):
+            first = read_outputs(y_init, self.simulator_, "y_init")
+            if not np.isfinite(first).any():
                 raise ValueError(
-                    f"y_init has {first.shape[1]} columns, the simulator has "
-                    f"{len(self.simulator_.outputs)} outputs."
+                    f"y_init is NaN in all of its {len(first)} samples, so no initial state can be fitted to "
+                    "it. Pass measured outputs, or leave it out for runs from rest."
                 )
             n = min(len(first), windows.last[0] - windows.first[0])
             x0[0] = initial_state(self.simulator_, u[:n], first[:n], slice(0, n), 0, n, x0[0])
@@ -301,6 +328,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         u, measured = read_record(X, y, self.simulator_)
+        warn_of_step(X, self.simulator_, sessions)
         errors, spread = 0.0, 0.0
         n_init = self._n_init
         for piece, began in within_reach(pieces_of(u, sessions), n_init, self._diagnosis.followed_for):
@@ -453,16 +481,27 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 "simulator must be a Simulator such as ODESimulator(...), got "
                 f"{type(self.simulator).__name__}. {_way_in(self.simulator)}"
             )
-        if not 0 < self.alpha < 1:
-            raise ValueError(f"alpha is a probability between 0 and 1, got {self.alpha!r}.")
-        if not 0 < self.level < 1:
-            raise ValueError(f"level is a probability between 0 and 1, got {self.level!r}.")
+        for name in ("alpha", "level", "test_fraction"):
+            value = getattr(self, name)
+            if not isinstance(value, Real) or isinstance(value, bool):
+                raise TypeError(f"{name} must be a number between 0 and 1, got {value!r}.")
+        for name in ("alpha", "level"):
+            value = getattr(self, name)
+            if not 0 < value < 1:
+                raise ValueError(f"{name} is a probability between 0 and 1, got {value!r}.")
         if not 0 <= self.test_fraction < 0.9:
             raise ValueError(f"test_fraction must lie in [0, 0.9), got {self.test_fraction!r}.")
-        for name, least in (("max_effects", 1), ("n_leaders", 1)):
+        for name, least in (("max_effects", 1), ("n_leaders", 1), ("verbose", 0)):
             value = getattr(self, name)
-            if not isinstance(value, Integral) or value < least:
+            if not isinstance(value, Integral) or (isinstance(value, bool) and name != "verbose"):
+                raise TypeError(f"{name} must be an integer of at least {least}, got {value!r}.")
+            if value < least:
                 raise ValueError(f"{name} must be an integer of at least {least}, got {value!r}.")
+        n_jobs = self.n_jobs
+        if n_jobs is not None and (not isinstance(n_jobs, Integral) or isinstance(n_jobs, bool)):
+            raise TypeError(f"n_jobs counts threads, -1 for all processors, or is None; got {n_jobs!r}.")
+        if n_jobs == 0:
+            raise ValueError("n_jobs counts threads and cannot be 0; pass 1, -1 for all processors, or None.")
         if self.window is not None and (not isinstance(self.window, Integral) or self.window < 4):
             raise ValueError(
                 f"window counts samples and must be an integer of at least 4, got {self.window!r}."
@@ -610,9 +649,23 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             index=pd.Index([p.name for p in simulator.parameters], name="parameter"),
         )
 
+    @contextmanager
+    def _shown_stages(self) -> Iterator[None]:
+        """Show the stages that `_tell` is told of, where that was asked for."""
+        if not self.verbose:
+            yield
+            return
+        with progress(STAGES, quiet=False, lines="[narx_sklearn] ") as begin:
+            self._begin = begin
+            try:
+                yield
+            finally:
+                del self._begin
+
     def _tell(self, stage: str) -> None:
-        if self.verbose:
-            print(f"[narx_sklearn] {stage}", file=sys.stderr, flush=True)
+        begin: Callable[[str], None] | None = getattr(self, "_begin", None)
+        if begin is not None:
+            begin(stage)
 
 
 def _way_in(given) -> str:

@@ -237,7 +237,7 @@ def _together(problem: Problem, found: Fit, leverage: np.ndarray, e: np.ndarray)
         if _shared(left[:, :, i], left[:, :, j]) < SHARED:
             continue
         for one, other in ((i, j), (j, i)):
-            for lag in range(REACH + 1):
+            for lag in range(min(REACH + 1, counted.shape[1])):
                 products = counted[:, : counted.shape[1] - lag, one] * counted[:, lag:, other]
                 blocks = blocks_of(products[:, :, None], 1, length)
                 spread = np.sqrt(max(np.sum(products**2), np.sum(blocks**2)))

@@ -6,6 +6,17 @@ from typing import Any
 
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
+STAGES = {  # share of the time, in per cent, that has usually passed when a stage begins
+    "check of the record": 0,
+    "fit of the simulator's own parameters": 10,
+    "colour of the noise": 12,
+    "search for missing physics": 35,
+    "search again, under the noise that the first effect leaves": 55,
+    "rivals and unnamed curves": 73,
+    "location": 82,
+    "verification on held-out samples": 84,
+}
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -27,10 +38,9 @@ def read_effects(effects, exclude=()) -> tuple[Effect, ...]:
         if effects != "catalogue":
             raise ValueError(f"effects must be 'catalogue' or a list of codes, got {effects!r}.")
         effects = CATALOGUE.values()
-    elif not isinstance(effects, Iterable):
-        raise TypeError(
-            f"effects must be 'catalogue' or a list of codes, got {effects!r}; put a single one into a list."
-        )
+    else:
+        _check_list(effects, "effects", "'catalogue', or a list of codes or Effects")
+    _check_list(exclude, "exclude", "a list of codes, empty for none")
     chosen = [_entry(effect) for effect in effects]
     left_out = {_entry(code).code for code in exclude}
     chosen = [effect for effect in chosen if effect.code not in left_out]
@@ -45,3 +55,10 @@ def _entry(code) -> Effect:
     if code not in CATALOGUE:
         raise ValueError(f"There is no effect {code!r} in the catalogue; it holds {sorted(CATALOGUE)}.")
     return CATALOGUE[code]
+
+
+def _check_list(given, name: str, wanted: str) -> None:
+    if isinstance(given, str):
+        raise TypeError(f"{name} must be {wanted}, got the text {given!r}. Pass [{given!r}].")
+    if not isinstance(given, Iterable):
+        raise TypeError(f"{name} must be {wanted}, got {given!r}.")

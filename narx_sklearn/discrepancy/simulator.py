@@ -8,7 +8,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from narx_sklearn._validation import as_signals, finite_rows, finite_slices, session_slices, split_unit
+from narx_sklearn._validation import finite_rows, finite_slices, session_slices, split_unit
+from narx_sklearn.discrepancy.columns import read_columns
 from narx_sklearn.discrepancy.kernels import (
     MAX_EFFECTS,
     MAX_MEMORY,
@@ -223,6 +224,10 @@ class Simulator(ABC):
         y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within)
         return Run(y, x, z, failed)
 
+    def steps_wanted(self, x: np.ndarray, u: np.ndarray) -> int:
+        """Return how many integration steps a sample takes at states of a run; 0 where those it has do."""
+        return 0
+
     def identified(self, u, *, sessions=None) -> "Simulator":
         """Return the simulator ready for runs from any state; one that is known by its equations is."""
         return self
@@ -242,7 +247,7 @@ class Simulator(ABC):
         ----------
         X : array-like or DataFrame of shape (n_samples, n_inputs)
             Inputs, in the units of ``inputs``. Columns of a DataFrame are found by name where all inputs are
-            among them, else taken in order. NaN marks gaps; the run starts anew after each.
+            among them, taken in order where none is. NaN marks gaps; the run starts anew after each.
         x0 : array-like of shape (n_states,) or (n_sessions, n_states), optional
             Initial states; when not given zero, or for a NARX model its rest at the first input.
         sessions : array-like of shape (n_samples,), optional
@@ -288,18 +293,7 @@ class Simulator(ABC):
 
     def _read_inputs(self, X) -> np.ndarray:
         """Return the inputs as an array; columns by name where the names are all there."""
-        if hasattr(X, "columns"):
-            labels = list(X.columns)
-            names = [split_unit(label)[0] for label in labels]
-            if len(set(names)) == len(names) and all(signal.name in names for signal in self.inputs):
-                X = X[[labels[names.index(signal.name)] for signal in self.inputs]]
-        u = as_signals(X, "X")
-        if u.shape[1] != len(self.inputs):
-            raise ValueError(
-                f"X has {u.shape[1]} columns, the simulator has {len(self.inputs)} inputs: "
-                f"{[str(s) for s in self.inputs]}. Pass one column for each, in this order."
-            )
-        return u
+        return read_columns(X, self.inputs, "X", "input")
 
     def _read_states(self, x0, n_sessions: int) -> np.ndarray:
         """Return initial states, shape (n_sessions, n_states)."""

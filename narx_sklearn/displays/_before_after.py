@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
-from narx_sklearn.discrepancy.record import pieces_of, read_inputs
+from narx_sklearn.discrepancy.record import pieces_of, read_inputs, read_outputs
 from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,
@@ -100,7 +100,8 @@ class BeforeAfterDisplay:
                 "DiscrepancyRegressor, or use BeforeAfterDisplay.from_predictions(y_true, runs)."
             )
         simulators = compared(estimator)
-        u, measured = read_inputs(X, estimator.simulator_), as_signals(y, "y")
+        u = read_inputs(X, estimator.simulator_)
+        measured = read_outputs(y, estimator.simulator_)
         check_same_length(X=u, y=measured, sessions=sessions)
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")

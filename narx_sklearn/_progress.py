@@ -1,6 +1,7 @@
 """A progress bar on the terminal, and the lines that may appear beside it.
 
-The bar is drawn on standard error where that is a terminal; in a pipe or a file nothing of it appears.
+The bar is drawn on standard error where that is a terminal; in a pipe or a file nothing of it appears, or a
+line for each stage.
 """
 
 import os
@@ -16,7 +17,9 @@ TICK = 0.5  # seconds between two drawings, so that the clock runs while a stage
 
 
 @contextmanager
-def progress(stages: Mapping[str, float], *, quiet: bool) -> Iterator[Callable[[str], None]]:
+def progress(
+    stages: Mapping[str, float], *, quiet: bool, lines: str | None = None
+) -> Iterator[Callable[[str], None]]:
     """Show how far long work has come, and wipe the bar away at its end, however it ends.
 
     Parameters
@@ -26,6 +29,8 @@ def progress(stages: Mapping[str, float], *, quiet: bool) -> Iterator[Callable[[
         begins.
     quiet : bool
         Show nothing, on a terminal neither.
+    lines : str, optional
+        Where there is no terminal, write each stage on a line of its own that begins with this.
 
     Yields
     ------
@@ -35,12 +40,15 @@ def progress(stages: Mapping[str, float], *, quiet: bool) -> Iterator[Callable[[
     """
     from tqdm import tqdm
 
-    hidden = quiet or not sys.stderr.isatty()
+    is_terminal = sys.stderr.isatty()
+    hidden = quiet or not is_terminal
     # left alone, tqdm shows nothing on a terminal that says it is 0 x 0
     size: dict[str, Any] = {} if hidden else {"ncols": _width(), "nrows": 2}
     with tqdm(total=100, disable=hidden, file=sys.stderr, leave=False, bar_format=BAR, **size) as bar:
 
         def begin(stage: str) -> None:
+            if lines is not None and not (quiet or is_terminal):
+                print(f"{lines}{stage}", file=sys.stderr, flush=True)
             bar.n = max(bar.n, stages.get(stage, bar.n))
             bar.set_description_str(stage)
 

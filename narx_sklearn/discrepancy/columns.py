@@ -1,0 +1,204 @@
+"""Labels of a table against the signals of a simulator: which column is which, in which unit, and when."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names, split_unit
+from narx_sklearn.discrepancy.units import Conversion, conversion
+
+SAME_STEP = 0.01  # relative difference up to which the step of an index and dt are one
+TIMES = ("t", "time")  # names of an index that holds seconds, "time [s]"
+
+
+def read_columns(data, signals: Sequence, name: str, role: str) -> np.ndarray:
+    """Return the columns of data as an array, (n_samples, n_signals), in the order of the signals.
+
+    The columns of a DataFrame are found by name, with or without the unit, where all signals are among them;
+    where none is, they are taken in order, as those of any array are.
+
+    Parameters
+    ----------
+    data : array-like, Series or DataFrame of shape (n_samples,) or (n_samples, n_columns)
+    signals : sequence of Signal
+        The simulator's.
+    name : str
+        What the caller's argument is called, ``"X"``.
+    role : {"input", "output"}
+        What the signals are.
+
+    Raises
+    ------
+    ValueError
+        If columns are lacking, too many, or named alike, or a label states another unit than the signal.
+    """
+    data = chosen_columns(data, signals, name, role)
+    values = as_signals(data, name)
+    wanted = [str(signal) for signal in signals]
+    if values.shape[1] != len(wanted):
+        raise ValueError(
+            f"{name} has {values.shape[1]} columns, the simulator has {len(wanted)} {role}s: {wanted}. Pass "
+            "one column for each, in this order, or a DataFrame with columns of these names."
+        )
+    for label, signal, change in _conversions(data, signals):
+        if change is not None and not change.is_none:
+            raise ValueError(
+                f"{name}'s column {label!r} is in another unit than the simulator's {role} {str(signal)!r}: "
+                f"{change.in_words}. Convert the column and its label, or drop the unit from the label if it "
+                "is wrong."
+            )
+    return values
+
+
+def chosen_columns(data, signals: Sequence, name: str, role: str):
+    """Return a DataFrame's columns in the order of the signals; what has none of their names as it is."""
+    if not hasattr(data, "columns"):
+        return data
+    labels = list(data.columns)
+    places = [_places(labels, signal) for signal in signals]
+    missing = [str(signal) for signal, found in zip(signals, places, strict=True) if not found]
+    if len(missing) == len(places) == len(labels) and missing:
+        return data  # none of the names: in order
+    if missing:
+        raise ValueError(
+            f"{name} lacks the columns {missing}; it has {[str(label) for label in labels]}, the simulator's "
+            f"{role}s are {[str(signal) for signal in signals]}. Rename its columns, or pass those of the "
+            f"{role}s alone, in this order, as an array."
+        )
+    for signal, found in zip(signals, places, strict=True):
+        if len(found) > 1:
+            raise ValueError(
+                f"{name} has {len(found)} columns for the {role} {str(signal)!r}: "
+                f"{[str(labels[i]) for i in found]}. Drop or rename all but one."
+            )
+    return data.iloc[:, [found[0] for found in places]]
+
+
+def _places(labels: Sequence, signal) -> list[int]:
+    """Return which columns have a signal's name; those with its unit too, if any has."""
+    split = [split_unit(label) for label in labels]
+    found = [i for i, (name, _) in enumerate(split) if name == signal.name]
+    if not found:  # a twin's signals are called as in terms
+        called = [signal_names([name], "u")[0] for name, _ in split]
+        found = [i for i, name in enumerate(called) if name == signal.name]
+    exact = [i for i in found if (split[i][1] or "") == signal.unit]
+    return exact or found
+
+
+def _conversions(data, signals: Sequence) -> list[tuple[Any, Any, Conversion | None]]:
+    """Return, for each label with a unit, its signal and how to get to its unit; None where unknown."""
+    labels = column_labels(data) or []
+    told = []
+    for label, signal in zip(labels, signals, strict=False):
+        unit = split_unit(label)[1] if isinstance(label, str) else None
+        if unit and signal.unit:
+            told.append((label, signal, conversion(unit, signal.unit)))
+    return told
+
+
+def unlike_units(data, signals: Sequence, name: str, role: str) -> list[tuple[str, dict]]:
+    """Return, in words and as evidence, each label whose unit is not that of its signal in any known way."""
+    data = chosen_columns(data, signals, name, role)
+    return [
+        (
+            f"{name}'s column {label!r} states another unit than the simulator's {role} {str(signal)!r}, and "
+            "none that is known to be the same. Check that it is the right column, in the right unit.",
+            {role: signal.name, "label": label, "unit": signal.unit},
+        )
+        for label, signal, change in _conversions(data, signals)
+        if change is None
+    ]
+
+
+# -- times -----------------------------------------------------------------------------------------------
+
+
+def check_indexes(X, y) -> None:
+    """Raise a ValueError where the rows of two tables are labelled and the labels say that they differ.
+
+    An index that only numbers the rows from 0 says nothing, unless the other has these numbers in
+    another order.
+    """
+    ours, theirs = (getattr(data, "index", None) if hasattr(data, "iloc") else None for data in (X, y))
+    if ours is None or theirs is None or len(ours) != len(theirs) or _same(ours, theirs):
+        return
+    k = next((i for i, (a, b) in enumerate(zip(ours, theirs, strict=True)) if a != b), None)
+    # labels of several kinds cannot be sorted; counted they can be compared
+    same_set = Counter(ours) == Counter(theirs)
+    if k is None or (not same_set and (_numbers_rows(ours) or _numbers_rows(theirs))):
+        return
+    first = f"row {k} is {ours[k]} in X and {theirs[k]} in y"
+    if same_set:
+        raise ValueError(
+            f"X and y have the same row labels in another order ({first}); rows are paired by position. Sort "
+            "both by time, as with sort_index(), or pass y.loc[X.index]."
+        )
+    raise ValueError(
+        f"X and y have different row labels ({first}), so their samples are not of the same times. Align "
+        "them, as with X.join(y, how='inner'), or, if the rows do belong together, pass "
+        "y.set_axis(X.index)."
+    )
+
+
+def _same(ours, theirs) -> bool:
+    if ours.equals(theirs):
+        return True
+    if not all(index.dtype.kind in "iuf" for index in (ours, theirs)):
+        return False
+    a, b = ours.to_numpy(dtype=float), theirs.to_numpy(dtype=float)
+    step = np.median(np.abs(np.diff(a))) if a.size > 1 else 0.0
+    return bool(np.all(np.abs(a - b) <= 1e-6 * step))  # times that were computed twice
+
+
+def _numbers_rows(index) -> bool:
+    return index.dtype.kind in "iu" and bool(np.array_equal(index, np.arange(len(index))))
+
+
+def index_step(data, sessions, name: str) -> float | None:
+    """Return the median step of a table's time index, s; None where its rows carry no time.
+
+    Times are a DatetimeIndex, a TimedeltaIndex, and numbers called ``time [s]`` or ``t [s]``.
+
+    Raises
+    ------
+    ValueError
+        If time goes back within a session.
+    """
+    index: Any = getattr(data, "index", None) if hasattr(data, "iloc") else None
+    seconds = None if index is None else _seconds(index)
+    if seconds is None:
+        return None
+    steps = np.diff(seconds)
+    for piece in session_slices(sessions, seconds.size):
+        back = np.flatnonzero(steps[piece.start : piece.stop - 1] < 0)
+        if back.size:
+            k = piece.start + int(back[0]) + 1
+            raise ValueError(
+                f"The time index of {name} goes back at row {k}, from {index[k - 1]} to {index[k]}. Sort the "
+                "record by time, as with sort_index(), or label recordings that follow one another in "
+                "sessions."
+            )
+        steps[piece.stop - 1 : piece.stop] = np.nan  # from the end of one to the beginning of the next
+    steps = steps[np.isfinite(steps)]
+    return float(np.median(steps)) if steps.size else None
+
+
+def _seconds(index) -> np.ndarray | None:
+    if index.dtype.kind in "mM":
+        return np.asarray((index - index[0]) / np.timedelta64(1, "s"), dtype=float)
+    name, unit = split_unit(index.name) if isinstance(index.name, str) else ("", None)
+    is_time = name.lower() in TIMES and unit == "s" and index.dtype.kind in "iuf"
+    return index.to_numpy(dtype=float) if is_time else None
+
+
+def other_step(step: float | None, dt: float) -> str:
+    """Return what a step of an index that is not dt says, in words; empty where they agree."""
+    if step is None or abs(step - dt) <= SAME_STEP * dt:
+        return ""
+    ratio = f", {dt / step:.4g} times as long" if step > 0 else ""
+    return (
+        f"The time index advances by {step:.6g} s from row to row (median), the simulator by "
+        f"dt={dt:.6g} s{ratio}. Pass dt={step:.6g} to the simulator, resample the record, or drop the index."
+    )
