@@ -229,7 +229,7 @@ def scores(**errors):
     """What the headline reads of a diagnosis with one finding."""
     finding = SimpleNamespace(title="a curve", place="on the output y", when="", lookalikes=(), modelled=True)
     table = pd.DataFrame({"nrmse": errors})
-    apart = SimpleNamespace(steps_miss=False)
+    apart = SimpleNamespace(steps_miss=False, record_misleads=False)
     return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table, _diagnosis=apart)
 
 
