@@ -7,12 +7,20 @@ import pytest
 from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
-from narx_sklearn.discrepancy.checks import DataFinding, _named_ratio, _named_zero, still_standing
+from narx_sklearn.discrepancy.checks import (
+    DataFinding,
+    _named_ratio,
+    _named_zero,
+    still_standing,
+    to_be_mended,
+)
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.model import NARXModel
+from narx_sklearn.physics.effects import CATALOGUE
 
 N = 1200
 NAMES = {"states": ["q [m]", "v [m/s]"], "inputs": ["f [N]"]}
@@ -226,6 +234,18 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     assert still_standing(more, problem, lost, near) == [clipped]
     # and neither with parameters that nobody would expect
     assert still_standing(more, problem, lost, lost) == more
+
+
+def test_only_what_the_values_show_must_be_mended_before_physics_is_named():
+    swapped = DataFinding("swapped", "", {"after": 0.1})
+    late = DataFinding("delayed", "", {"after": 0.1})
+    label = DataFinding("units", "", {"label": "f [Newton]", "unit": "N"})
+    offset = DataFinding("units", "", {"slope": 1.0, "after": 0.1})
+    inches = DataFinding("units", "", {"slope": 39.37, "after": 0.1})
+    bias = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+    found = [swapped, late, label, offset, inches]
+    assert to_be_mended(found, []) == [swapped, offset, inches]
+    assert to_be_mended(found, [bias]) == [swapped, inches]
 
 
 def hardening(x, u, p):

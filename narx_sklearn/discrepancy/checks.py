@@ -204,15 +204,18 @@ def _within_box(simulator: Simulator, p: np.ndarray) -> bool:
 def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect]) -> list[DataFinding]:
     """Return the mistakes of a record that must be mended before effects named beside them mean anything.
 
-    What comes late may do so in the machine, and an offset that was named as one is told as what it is.
+    What comes late may do so in the machine, an offset that was named as one is told as what it is, and a
+    unit that only a label states may be the same in other letters.
     """
     of_sensors = bool(effects) and all(is_of_a_sensor(effect) for effect in effects)
 
-    def is_named(finding: DataFinding) -> bool:
-        slope = finding.evidence.get("slope", np.inf)
-        return of_sensors and SCALE_RANGE[0] < slope < SCALE_RANGE[1]
+    def is_none(finding: DataFinding) -> bool:
+        if finding.code != "units":
+            return False
+        slope = finding.evidence.get("slope")
+        return slope is None or (of_sensors and SCALE_RANGE[0] < slope < SCALE_RANGE[1])
 
-    return [finding for finding in findings if finding.code in MENDED_FIRST and not is_named(finding)]
+    return [finding for finding in findings if finding.code in MENDED_FIRST and not is_none(finding)]
 
 
 def _short_record(simulator: Simulator, u, pieces):
