@@ -61,4 +61,4 @@ def _check_list(given, name: str, wanted: str) -> None:
     if isinstance(given, str):
         raise TypeError(f"{name} must be {wanted}, got the text {given!r}. Pass [{given!r}].")
     if not isinstance(given, Iterable):
-        raise TypeError(f"{name} must be {wanted}, got {given!r}.")
+        raise TypeError(f"{name} must be {wanted}, got {given!r}; put a single one into a list.")
