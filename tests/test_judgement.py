@@ -148,6 +148,8 @@ def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanat
     found = others.fit(u, y)
     assert found.verdict_ == "unknown"
     assert found.findings_[0].port == "state:1"
+    assert found.location_.against == ("x", "v", "u")
+    assert found.location_.invariances["reading"]["direction"] == "depends on the direction"
 
 
 @pytest.mark.long

@@ -170,7 +170,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
 
 def argument_told(placed: PlacedEffect) -> str:
     """Return what the equation's letters stand for: "v = velocity [m/s]"; empty where it has no letter."""
-    letters = "sx" if placed.port.kind != "state" else "vxs" if placed.effect.argument == "own" else "xs"
+    is_rate = placed.effect.argument == "own" and placed.effect.code not in UNNAMED
+    letters = "sx" if placed.port.kind != "state" else "vxs" if is_rate else "xs"
     told = []
     if not _is_fed(placed):
         told.append(_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit))

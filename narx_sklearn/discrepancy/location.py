@@ -11,6 +11,7 @@ from narx_sklearn.discrepancy.locate import (
     bands,
     concentrated_force,
     features,
+    invariances,
     latent_forces,
     port_table,
     ports_of,
@@ -19,10 +20,12 @@ from narx_sklearn.discrepancy.locate import (
 )
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 
+FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
 MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
 NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
+NOTHING_TOLD = pd.DataFrame(columns=["value", "low", "high", "reading"], index=pd.Index([], name="property"))
 LONGEST = 100_000  # samples looked at; the windows in the middle of a longer record stand for it
 
 
@@ -44,6 +47,11 @@ class Location(NamedTuple):
         Frequencies at which the residual stands above the noise.
     force : DataFrame
         The unknown signal at the likeliest port: ``sample``, ``force``, ``deviation``.
+    invariances : DataFrame
+        What that signal does and does not depend on, where what is missing has no name (see
+        :func:`~narx_sklearn.discrepancy.locate.invariances`): a row a property, with its ``reading``.
+    against : tuple of str
+        The signals x, v and u that the readings speak of.
     """
 
     ports: pd.DataFrame
@@ -51,6 +59,8 @@ class Location(NamedTuple):
     regions: pd.DataFrame
     bands: pd.DataFrame
     force: pd.DataFrame
+    invariances: pd.DataFrame = NOTHING_TOLD
+    against: tuple[str, ...] = ()
 
 
 def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -> Location:
@@ -84,6 +94,44 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
     samples = np.arange(inside.start, inside.stop)
     force = pd.DataFrame({"sample": samples, "force": best.w[inside], "deviation": best.w_std[inside]})
     return Location(table, _stretches(diagnosis), rules, spectrum, force)
+
+
+def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
+    """Return a location that tells what the unknown signal at the likeliest port is like.
+
+    It is held against the position and rate that its equation has, or a signal and its rate, and an input.
+    """
+    problem, (first, *_) = diagnosis.problem, location.ports.to_dict("records")
+    simulator, samples = problem.simulator, location.force["sample"].to_numpy()
+    run = problem.run(diagnosis.best.fit.model)
+    x, u, names = run.x[samples], problem.u[samples], [str(s) for s in simulator.states]
+    port, drive, force = int(first["index"]), 0, location.force["force"].to_numpy()
+
+    def with_rate(values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, str, str]:
+        return values, np.gradient(values, simulator.dt), name, f"rate of {name}"
+
+    if first["kind"] == "input":
+        position, rate, *called = with_rate(u[:, port], str(simulator.inputs[port]))
+        drive = next((j for j in range(u.shape[1]) if j != port), port)
+    elif first["kind"] == "output":
+        position, rate, *called = with_rate(run.y[samples, port], str(simulator.outputs[port]))
+        # what is asked for is what is left; a smoother would call it coloured noise
+        force = (problem.y - diagnosis.base_run.y)[samples, port]
+    else:
+        partner = diagnosis.structure.partner[port]
+        if partner >= 0:
+            position, rate, called = x[:, partner], x[:, port], [names[partner], names[port]]
+        else:
+            position, rate, *called = with_rate(x[:, port], names[port])
+        drive = int(np.argmax(diagnosis.structure.inputs[port]))
+    windows = problem.windows
+    begins = windows.first[windows.fresh] - samples[0]
+    begins = begins[(begins >= 0) & (begins < samples.size)]
+    known = np.isfinite(np.column_stack([force, position, rate, u[:, drive]])).all(axis=1)
+    if known.sum() < FEWEST_KNOWN:
+        return location
+    table = invariances(force, position, rate, u[:, drive], simulator.dt, first=begins)
+    return location._replace(invariances=table, against=(*called, str(simulator.inputs[drive])))
 
 
 def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFrame:

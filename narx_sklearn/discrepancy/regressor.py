@@ -24,7 +24,7 @@ from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.judgement import UNEXPLAINED
-from narx_sklearn.discrepancy.location import locate
+from narx_sklearn.discrepancy.location import locate, with_invariances
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.record import (
     Split,
@@ -568,6 +568,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 self.verdict_ = "unknown"
         elif self._left_there > STANDS_IN:
             self.verdict_ = "unknown"
+        if self.verdict_ == "unknown":
+            self.location_ = with_invariances(self.location_, diagnosis)
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from narx_sklearn.discrepancy.acting import port_in_words
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
 
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
@@ -79,8 +81,9 @@ def _what(dx) -> list[str]:
         if not finding.modelled:
             lines.append(f"   What would tell more: {finding.separate_by}.")
         lines.append("")
-    left = what_is_left(dx)
-    return [*lines, left, ""] if left else lines
+    for said in (what_is_left(dx), what_it_is_like(dx)):
+        lines += [said, ""] if said else []
+    return lines
 
 
 def what_is_left(dx) -> str:
@@ -96,6 +99,18 @@ def what_is_left(dx) -> str:
             "as elsewhere (mean square): they stand in for something else, or the machine has changed."
         )
     return " ".join(words)
+
+
+def what_it_is_like(dx) -> str:
+    """Return what the unknown signal at the likeliest port depends on; empty where it is not described."""
+    table, against = dx.location_.invariances, dx.location_.against
+    readings = table["reading"][table["value"].notna()]
+    if not len(readings):
+        return ""
+    port = dx.location_.ports.iloc[0]
+    where = port_in_words(Port(port["kind"], int(port["index"])), dx._diagnosis.problem.simulator)
+    x, v, u = against
+    return f"Seen as an unknown signal {where}, with x = {x}, v = {v} and u = {u}: {'; '.join(readings)}."
 
 
 def what_adds_up(dx) -> str:

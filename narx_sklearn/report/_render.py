@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from narx_sklearn.analysis.residuals import residual_tests
 from narx_sklearn.discrepancy.report_text import verdict_sentence, what_adds_up, what_is_left
@@ -311,8 +312,27 @@ def _location_tables(location, material: Material) -> list[TableText]:
         to_table(location.ports, "Where in the equations it enters, best first", ports),
         to_table(stretches, "Stretches of time with more error than the rest", segments),
         to_table(kept, "Frequencies above the noise", bands),
+        to_table(_invariances(location), *_like_what(location)),
     ]
     return [table for table in tables if table.rows]
+
+
+def _invariances(location) -> pd.DataFrame:
+    """Return what an unknown signal is like, without what its record cannot tell."""
+    table = location.invariances
+    return table[table["value"].notna()].reset_index()
+
+
+def _like_what(location) -> tuple[str, dict[str, str]]:
+    x, v, u = location.against or ("x", "v", "u")
+    title = f"What the unknown signal at the likeliest place is like, with x = {x}, v = {v} and u = {u}"
+    return title, {
+        "property": "property",
+        "reading": "reading",
+        "value": "value",
+        "low": "from",
+        "high": "to",
+    }
 
 
 def _by_name(event: str, inputs) -> str:

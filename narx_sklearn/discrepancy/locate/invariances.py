@@ -17,6 +17,7 @@ MOST_CYCLES = 100  # over the range of the position
 N_BINS = 1 << 14
 OVERSAMPLED = 4
 CONFIDENCE = 1.96
+MOSTLY = 0.8  # share of the variance that leaves little else
 CLEAR = 0.05  # share of the force's variance that counts
 
 
@@ -104,10 +105,11 @@ def invariances(
     past = np.column_stack([full, *(hats(column) for column in lagged[samples].T)])
     products = np.column_stack([summed, u[:, None] * hats(x), u[:, None] * hats(v)])
     memoryless = judge.share(full)
+    memory = _added(judge, full, past, "has memory", "no memory seen")
     rows = {
         "odd": _odd(x, signals[0][samples], folds),
-        "memoryless": (memoryless, f"{'' if memoryless.value > 0.8 else 'not only '}a function of x, v, u"),
-        "memory": _added(judge, full, past, "has memory", "no memory seen"),
+        "memoryless": (memoryless, _beside(memoryless, memory[0])),
+        "memory": memory,
         "rate": _added(judge, turned, full, "depends on the rate", "independent of the rate"),
         "direction": _added(judge, still, turned, "depends on the direction", "independent of the direction"),
         "position period": _periodic(judge, full, x, MOST_CYCLES, "position"),
@@ -158,6 +160,14 @@ class _Judge:
         """Return the share of variance by which squares went down."""
         down = (before - after) / self.total
         return _Share(float(down.sum()), float(np.std(down, ddof=1) * np.sqrt(N_FOLDS)))
+
+
+def _beside(memoryless: _Share, memory: _Share) -> str:
+    """Return in words how much of a force is a function of the signals of the same moment."""
+    if memoryless.value > MOSTLY:
+        return "a function of x, v, u"
+    other = "the past" if memory.clear else "noise or something else"
+    return f"{other} beside a function of x, v, u"
 
 
 def _added(judge: _Judge, smaller, larger, yes: str, no: str):
@@ -212,7 +222,7 @@ def _odd(x: np.ndarray, w: np.ndarray, folds: np.ndarray):
     value = share(np.ones(x.size, dtype=bool))
     without = np.array([share(folds != i) for i in range(N_FOLDS)])
     error = np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum((without - without.mean()) ** 2))  # jackknife
-    reading = "odd" if value > 0.8 else "even" if value < 0.2 else "neither odd nor even"
+    reading = "odd" if value > MOSTLY else "even" if value < 1.0 - MOSTLY else "neither odd nor even"
     return _Share(float(value), float(error)), reading
 
 
