@@ -128,6 +128,14 @@ class TestHeldOut:
         dx.simulator_ = dx.refitted_simulator_
         assert not what_adds_up(dx)
 
+    def test_what_held_out_samples_do_not_show_is_said_to_be_unconfirmed(self, cubic):
+        assert "neither confirm nor refute" not in cubic[0].report_
+        dx = copy(cubic[0])
+        dx._not_confirmed = True
+        assert "neither confirm nor refute" in report_text(dx)
+        dx.simulator_ = dx.refitted_simulator_
+        assert "neither confirm nor refute" not in report_text(dx)
+
     @pytest.mark.parametrize(("unit", "told"), [("kg", " kg "), ("1", " "), ("-", " "), ("", " ")])
     def test_a_ratio_is_printed_without_a_unit(self, cubic, unit, told):
         dx = copy(cubic[0])

@@ -43,7 +43,10 @@ class TestIsBelied:
     def test_what_changes_nothing_is_not(self):
         e = np.random.default_rng(3).normal(size=N)
         assert not held_out(e, e).is_belied(1.0)
+        assert held_out(e, e).is_silent(1.0)
+        assert not held_out(e, e + 0.1).is_silent(1.0)  # by eight noise variances
 
     def test_a_run_that_is_lost_tells_nothing(self):
+        """It is another matter that such a run does harm."""
         e = np.ones(N)
         assert not held_out(e, np.full(N, np.inf)).is_belied(1.0)

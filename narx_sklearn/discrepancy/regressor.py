@@ -552,6 +552,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.scores_ = self._verify(u, y, held_out)
         held = self._on_held_out(held_out) if self.findings_ else None
         self._left_there = self._left_over_there(held) if held else 1.0
+        self._not_confirmed = held is not None and held.is_silent(fit.cost / diagnosis.best.n_samples)
         if held and self._harms(held):
             ended = only_where_fitted(diagnosis.problem, diagnosis.best)
             if ended is not None:  # what began may have ended since

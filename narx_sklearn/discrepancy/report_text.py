@@ -135,6 +135,15 @@ def what_adds_up(dx) -> str:
     )
 
 
+def what_is_not_confirmed(dx) -> str:
+    """Return that held-out samples do not tell of what was found; empty where they do."""
+    if not (dx._not_confirmed and dx.simulator_.effects):
+        return ""
+    return (
+        "What was found changes next to nothing of the held-out samples, which neither confirm nor refute it."
+    )
+
+
 def _quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a value with its unit, where it has one."""
     return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-", "1"} else "")
@@ -166,8 +175,7 @@ def _scores(dx) -> list[str]:
             f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
             f"{100 * row['nrmse_high']:.3g} %)"
         )
-    if adding_up := what_adds_up(dx):
-        lines.append(f"   {adding_up}")
+    lines += [f"   {said}" for said in (what_adds_up(dx), what_is_not_confirmed(dx)) if said]
     if dx._late_only:
         lines.append(
             "   Something that is missing shows near the end only, so the beginning was held out instead."

@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.windows import cut, shortest_window
 BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000
 SURELY = 1.64  # standard errors
+SEEN = 4.0  # noise variances by which a correction must change held-out samples, for them to tell anything
 BELIED = 2.33  # standard errors, that what is right may be off by in one of a hundred cases
 
 
@@ -172,6 +173,10 @@ class HeldOut(NamedTuple):
     left: float  # a sample, by the corrected one
     windows: Windows
     x0: np.ndarray  # (n_windows, n_states) with which the corrected one begins
+
+    def is_silent(self, unit: float) -> bool:
+        """Tell whether the corrected one changes next to nothing there, so that nothing is confirmed."""
+        return bool(self.changed.size and self.changed.sum() < SEEN * unit)
 
     def is_belied(self, unit: float) -> bool:
         r"""Tell whether the corrected one does no good there, where it should if it were right.

@@ -7,7 +7,12 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import residual_tests
-from narx_sklearn.discrepancy.report_text import verdict_sentence, what_adds_up, what_is_left
+from narx_sklearn.discrepancy.report_text import (
+    verdict_sentence,
+    what_adds_up,
+    what_is_left,
+    what_is_not_confirmed,
+)
 from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
@@ -405,7 +410,11 @@ def _proof(dx, material: Material, outputs) -> dict | None:
         runs = {word: longest.y[key][:n, column] for word, key in zip((before, after), keys, strict=True)}
         svg = before_and_after(material.time[rows], material.y[rows, column], runs, label, caption)
         figures.append(_figure(svg, caption))
-    return {"figures": figures, "table": score_table(dx, outputs), "what_adds_up": what_adds_up(dx)}
+    return {
+        "figures": figures,
+        "table": score_table(dx, outputs),
+        "said": [what_adds_up(dx), what_is_not_confirmed(dx)],
+    }
 
 
 def _residuals(dx, material: Material, outputs) -> list[dict]:
