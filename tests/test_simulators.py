@@ -354,6 +354,8 @@ def test_wrong_data_are_named():
         sim.simulate(np.zeros(3), x0=[0.0, 1.0])
     with pytest.raises(ValueError, match=r"Unknown parameters \['c'\]"):
         sim.with_parameters({"c": 1.0})
+    with pytest.raises(ValueError, match="Got 5 values for "):
+        sim.with_parameters(np.ones(5))
     with pytest.raises(TypeError, match="function must be callable"):
         ODESimulator("tank", **TANK)
 
@@ -368,6 +370,8 @@ def test_copies_run_alike_and_parameters_change_only_the_copy():
         np.testing.assert_array_equal(twin.simulate(u), y)
     stiffer = sim.with_parameters({"stiffness": 24.0})
     assert stiffer.simulate(u)[-1, 0] < y[-1, 0]
+    same = sim.with_parameters({"stiffness [1/s^2]": 24.0})  # as it was named when it was made
+    np.testing.assert_array_equal(same.nominal, stiffer.nominal)
     np.testing.assert_array_equal(sim.simulate(u), y)
 
 

@@ -141,9 +141,16 @@ class Simulator(ABC):
         return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
 
     def with_parameters(self, values) -> Self:
-        """Return a copy with other parameter values (a mapping by name, or all in order)."""
+        """Return a copy with other values: a mapping by names, with or without units, or all in order.
+
+        Raises
+        ------
+        ValueError
+            If a name is not known, or not as many values as parameters are given.
+        """
         new = copy(self)
         if isinstance(values, Mapping):
+            values = {split_unit(name)[0]: value for name, value in values.items()}
             unknown = sorted(set(values) - {p.name for p in self.parameters})
             if unknown:
                 raise ValueError(
@@ -153,6 +160,12 @@ class Simulator(ABC):
                 p._replace(value=float(values.get(p.name, p.value))) for p in self.parameters
             )
         else:
+            values = list(values)
+            if len(values) != len(self.parameters):
+                raise ValueError(
+                    f"Got {len(values)} values for {len(self.parameters)} parameters: "
+                    f"{[p.name for p in self.parameters]}. Pass one for each, or a mapping by name."
+                )
             new.parameters = tuple(
                 p._replace(value=float(value)) for p, value in zip(self.parameters, values, strict=True)
             )
