@@ -150,8 +150,9 @@ class Simulator(ABC):
         """
         new = copy(self)
         if isinstance(values, Mapping):
-            values = {split_unit(name)[0]: value for name, value in values.items()}
-            unknown = sorted(set(values) - {p.name for p in self.parameters})
+            known = {p.name for p in self.parameters}  # a term such as y[k-1] only looks like a unit
+            values = {k if k in known else split_unit(k)[0]: value for k, value in values.items()}
+            unknown = sorted(set(values) - known)
             if unknown:
                 raise ValueError(
                     f"Unknown parameters {unknown}; the simulator has {[p.name for p in self.parameters]}."
