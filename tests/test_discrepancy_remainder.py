@@ -346,3 +346,14 @@ class TestDiagnosis:
         page = render_report(dx, u, y)
         assert "the likeliest place is on the output position" in page
         assert "What would tell more: an effect of your own" in page
+
+
+def test_an_unknown_signal_of_a_machine_without_inputs_is_described_too():
+    def swinging(x, u, p):
+        return x[1], -p[0] * x[0]
+
+    nominal = ODESimulator(swinging, dt=0.05, parameters={"k": 4.0}, states=["x", "v"], inputs=[])
+    y = np.sin(0.1 * np.arange(600.0))
+    dx = DiscrepancyRegressor(nominal, effects=["coulomb_friction"]).fit(np.zeros((600, 0)), y)
+    assert dx.verdict_ == "unknown"
+    assert dx.location_.against[-1] == "no input"

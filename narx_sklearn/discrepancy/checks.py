@@ -183,6 +183,8 @@ def still_standing(
     refitted, best : Model
         The refitted simulator over these windows, and that with what was found.
     """
+    if not any("after" in finding.evidence for finding in findings):
+        return list(findings)  # none was undone on trial
     spread = np.nanstd(problem.y, axis=0)
 
     def missed(model: Model) -> float:

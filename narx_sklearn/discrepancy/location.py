@@ -123,15 +123,21 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
             position, rate, called = x[:, partner], x[:, port], [names[partner], names[port]]
         else:
             position, rate, *called = with_rate(x[:, port], names[port])
-        drive = int(np.argmax(diagnosis.structure.inputs[port]))
+        drive = next(iter(np.flatnonzero(diagnosis.structure.inputs[port]).tolist()), 0)
+    pushed, push = np.zeros(samples.size), "no input"
+    if simulator.inputs:
+        pushed, push = u[:, drive], str(simulator.inputs[drive])
     windows = problem.windows
-    begins = windows.first[windows.fresh] - samples[0]
+    begins = windows.first[windows.fresh] - samples[0]  # the past does not reach across sessions
     begins = begins[(begins >= 0) & (begins < samples.size)]
-    known = np.isfinite(np.column_stack([force, position, rate, u[:, drive]])).all(axis=1)
+    known = np.isfinite(np.column_stack([force, position, rate, pushed])).all(axis=1)
     if known.sum() < FEWEST_KNOWN:
         return location
-    table = invariances(force, position, rate, u[:, drive], simulator.dt, first=begins)
-    return location._replace(invariances=table, against=(*called, str(simulator.inputs[drive])))
+    try:
+        table = invariances(force, position, rate, pushed, simulator.dt, first=begins)
+    except ValueError:  # in short sessions too few samples have a past
+        return location
+    return location._replace(invariances=table, against=(*called, push))
 
 
 def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFrame:
