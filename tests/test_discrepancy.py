@@ -3,6 +3,7 @@
 import pickle
 import warnings
 from copy import copy
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from sklearn.base import clone
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
 from narx_sklearn import DiscrepancyRegressor, NARXModel, NARXRegressor, ODESimulator
+from narx_sklearn.discrepancy import settings
 from narx_sklearn.discrepancy.report_text import report_text, what_adds_up
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -339,3 +341,9 @@ class TestRefusals:
         dx, _, _, _ = cubic
         with pytest.raises(error, match=words):
             dx.next_experiment(**{"amplitude": 1.0, "n_samples": 100} | about)
+
+
+def test_every_stage_of_the_progress_bar_is_told_by_some_part_of_a_diagnosis():
+    folder = Path(settings.__file__).parent
+    told = "".join(file.read_text() for file in folder.rglob("*.py") if file.name != "settings.py")
+    assert [stage for stage in settings.STAGES if f'tell("{stage}")' not in told] == []

@@ -11,7 +11,7 @@ STAGES = {  # share of the time, in per cent, that has usually passed when a sta
     "fit of the simulator's own parameters": 10,
     "colour of the noise": 12,
     "search for missing physics": 35,
-    "search again, under the noise that the first effect leaves": 55,
+    "search again, under the noise that the best explanation leaves": 55,
     "rivals and unnamed curves": 73,
     "location": 82,
     "verification on held-out samples": 84,
