@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.locate._hats import additive_hats, hats
 
 N_FOLDS = 10  # stretches of time; each is predicted from the others
 TRAINING_SAMPLES = 4000
-RIDGE = 1e-4  # of the mean energy of a column
+RIDGES = (1e-4, 1e-2, 1.0, 1e2)  # of the energy of a column; that which predicts best
 PAST = (4, 16)  # samples ago, that stand for the past
 FEWEST_CYCLES = 2  # of a sine over the range of the signal it is tied to
 MOST_CYCLES = 100  # over the range of the position
@@ -143,13 +143,16 @@ class _Judge:
         for i in range(N_FOLDS):
             part = basis[self.folds == i]
             gram[i], moment[i] = part.T @ part, part.T @ self.w[self.folds == i]
-        penalty = RIDGE * np.diag(np.maximum(np.diag(gram.sum(axis=0)), 1e-12))
-        left = np.empty(N_FOLDS)
+        energy = np.diag(np.maximum(np.diag(gram.sum(axis=0)), 1e-12))
+        left = np.empty((len(RIDGES), N_FOLDS))
         for i in range(N_FOLDS):
-            theta = np.linalg.solve(gram.sum(axis=0) - gram[i] + penalty, moment.sum(axis=0) - moment[i])
             out = self.folds == i
-            left[i] = np.sum((self.w[out] - basis[out] @ theta) ** 2)
-        return left
+            for ridge, squares in zip(RIDGES, left, strict=True):
+                theta = np.linalg.solve(
+                    gram.sum(axis=0) - gram[i] + ridge * energy, moment.sum(axis=0) - moment[i]
+                )
+                squares[i] = np.sum((self.w[out] - basis[out] @ theta) ** 2)
+        return left[np.argmin(left.sum(axis=1))]
 
     def share(self, basis) -> _Share:
         """Return the share of variance that a basis explains."""
@@ -248,7 +251,7 @@ def _periodic(judge: _Judge, basis, signal: np.ndarray, most: float, what: str, 
     if not span > 0:
         return _Share(0.0, 0.0), f"not tied to {what}"
     whole = np.column_stack([np.ones(judge.w.size), basis])
-    penalty = RIDGE * np.diag(np.maximum(np.einsum("ij,ij->j", whole, whole), 1e-12))
+    penalty = RIDGES[0] * np.diag(np.maximum(np.einsum("ij,ij->j", whole, whole), 1e-12))
     left = judge.w - whole @ np.linalg.solve(whole.T @ whole + penalty, whole.T @ judge.w)
     # the spectrum over the signal rather than over time: sums in fine bins, then one transform
     place = np.clip((signal - low) / span, 0.0, 1.0)
