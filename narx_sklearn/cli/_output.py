@@ -71,6 +71,7 @@ def diagnosis_content(dx) -> dict:
         "findings": [asdict(finding) for finding in dx.findings_],
         "parameters": dx.parameters_,
         "scores": dx.scores_,
+        "extrapolation": dx.extrapolation_,
         "noise": dx.noise_,
         "data_findings": [str(finding) for finding in dx.data_findings_],
         "settings": settings,

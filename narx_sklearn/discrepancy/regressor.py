@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.confirm import DRIFT
 from narx_sklearn.discrepancy.designs import read_column, read_limits
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
+from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.judgement import UNEXPLAINED
@@ -45,7 +46,7 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.substeps import mind_steps
-from narx_sklearn.discrepancy.temporary import DRIFTS, only_where_fitted
+from narx_sklearn.discrepancy.temporary import are_foreseen, only_where_fitted
 from narx_sklearn.discrepancy.verify import (
     SURELY,
     HeldOut,
@@ -121,6 +122,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     held_out_ : DataFrame
         Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle
         the initial state), ``stop``. Short ones where the machine is unstable: a free run loses it.
+    extrapolation_ : DataFrame
+        The same for louder motion, fitted to quiet motion alone: quiet are the half of the windows that go
+        less far, loud those that go a quarter farther than all of these. ``quiet`` and ``loud`` are the
+        farthest that an output goes from its mean in either, in its spreads. Empty where nothing goes that
+        far, where quiet motion tells nothing of what was found, and where nobody can foresee its course.
     parameters_ : DataFrame
         The simulator's parameters: nominal, refitted, augmented, with intervals and units.
     simulator_ : Simulator
@@ -571,6 +577,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.verdict_ = "unknown"
         if self.verdict_ == "unknown":
             self.location_ = with_invariances(self.location_, diagnosis)
+        self._extrapolation = self._extrapolate()
+        self.extrapolation_ = self._extrapolation.scores
         self.report_ = report_text(self)
 
     def _verify(self, u, y, held_out) -> pd.DataFrame:
@@ -592,6 +600,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses, {"augmented": self._lead})
         spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
+
+    def _extrapolate(self) -> Extrapolation:
+        """Return how the corrected simulation does where the machine moves farther than it was fitted."""
+        diagnosis = self._diagnosis
+        corrected = (diagnosis.best.fit if self.simulator_.effects else diagnosis.refitted).model
+        return extrapolate(diagnosis, corrected, self.level, self.random_state, self.n_jobs)
 
     def _on_held_out(self, held_out) -> HeldOut:
         found = self._diagnosis
@@ -625,9 +639,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         What is little beside all that they explain is no more than a form, or a machine that has warmed up.
         """
         diagnosis, best = self._diagnosis, self._diagnosis.best
-        foreseen = not any(e.passes or e.effect.code in DRIFTS for e in best.effects)
         usual = best.fit.cost / best.n_samples
-        if not (best.effects and foreseen and STANDS_IN * usual < held.left < np.inf):
+        if not (best.effects and are_foreseen(best.effects) and STANDS_IN * usual < held.left < np.inf):
             return 1.0
         there, elsewhere = left_together(diagnosis.problem, best.fit, held)
         return there / elsewhere if there > UNEXPLAINED * held.without else 1.0

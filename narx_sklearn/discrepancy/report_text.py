@@ -17,6 +17,7 @@ def report_text(dx) -> str:
     lines += _what(dx)
     lines += _parameters(dx)
     lines += _scores(dx)
+    lines += _extrapolation(dx)
     lines += _noise(dx)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -166,15 +167,7 @@ def _parameters(dx) -> list[str]:
 def _scores(dx) -> list[str]:
     if dx.scores_.empty:
         return ["No held-out stretch was long enough for a verification.", ""]
-    lines = ["Held-out free run (error over the spread of the recording):"]
-    for name, row in dx.scores_.iterrows():
-        if not np.isfinite(row["nrmse"]):
-            lines.append(f"   {name:<10} its free run leaves the finite range")
-            continue
-        lines.append(
-            f"   {name:<10} {100 * row['nrmse']:.3g} %   ({100 * row['nrmse_low']:.3g} to "
-            f"{100 * row['nrmse_high']:.3g} %)"
-        )
+    lines = ["Held-out free run (error over the spread of the recording):", *_errors(dx.scores_)]
     lines += [f"   {said}" for said in (what_adds_up(dx), what_is_not_confirmed(dx)) if said]
     if dx._late_only:
         lines.append(
@@ -190,6 +183,42 @@ def _scores(dx) -> list[str]:
             "   What comes nearest does held-out samples no good: the corrected simulation leaves it out."
         )
     return [*lines, ""]
+
+
+def _errors(scores) -> list[str]:
+    """Return a line for each simulation."""
+    lines = []
+    for name, row in scores.iterrows():
+        if not np.isfinite(row["nrmse"]):
+            lines.append(f"   {name:<10} its free run leaves the finite range")
+            continue
+        interval = f"{100 * row['nrmse_low']:.3g} to {100 * row['nrmse_high']:.3g} %"
+        lines.append(f"   {name:<10} {100 * row['nrmse']:.3g} %   ({interval})")
+    return lines
+
+
+def _extrapolation(dx) -> list[str]:
+    said = how_it_extrapolates(dx)
+    if not said:
+        return []
+    return [said, *(_errors(dx.extrapolation_) if not dx.extrapolation_.empty else []), ""]
+
+
+def how_it_extrapolates(dx) -> str:
+    """Return what the table of louder motion is of, or why there is none; empty where none is expected."""
+    found = dx._extrapolation
+    quiet, loud = (f"{reach:.2g}" for reach in (found.amplitudes.quiet_reach, found.amplitudes.loud_reach))
+    if found.silent:
+        return (
+            f"What was found does not show in quiet motion (outputs within {quiet} spreads of their mean): "
+            "how it extrapolates from there to louder motion cannot be told."
+        )
+    if found.scores.empty:
+        return ""
+    return (
+        f"Fitted anew to quiet motion alone (outputs within {quiet} spreads of their mean), error over the "
+        f"spread of louder motion (up to {loud} spreads):"
+    )
 
 
 def _noise(dx) -> list[str]:

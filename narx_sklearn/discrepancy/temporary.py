@@ -162,6 +162,11 @@ def may_stand_in(effects: Iterable[PlacedEffect]) -> bool:
     return any(effect.effect.code in DRIFTS for effect in effects)
 
 
+def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
+    """Tell whether a set acts alike on other samples: nothing drifts, begins or ends."""
+    return not any(effect.passes or effect.effect.code in DRIFTS for effect in effects)
+
+
 def large_parts(problem: Problem) -> list[Span]:
     """Return the halves of the time that is looked at, and its middle; nothing where there are sessions."""
     if np.unique(problem.windows.began).size > 1:

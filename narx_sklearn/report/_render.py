@@ -8,6 +8,7 @@ import pandas as pd
 
 from narx_sklearn.analysis.residuals import residual_tests
 from narx_sklearn.discrepancy.report_text import (
+    how_it_extrapolates,
     verdict_sentence,
     what_adds_up,
     what_is_left,
@@ -31,6 +32,8 @@ from narx_sklearn.report._words import (
     difference_table,
     finding_table,
     headline,
+    held_out_table,
+    louder_table,
     next_steps,
     noise_table,
     number,
@@ -39,7 +42,6 @@ from narx_sklearn.report._words import (
     readable,
     residual_sentence,
     residual_table,
-    score_table,
     settings_table,
     to_table,
 )
@@ -412,8 +414,9 @@ def _proof(dx, material: Material, outputs) -> dict | None:
         figures.append(_figure(svg, caption))
     return {
         "figures": figures,
-        "table": score_table(dx, outputs),
-        "said": [what_adds_up(dx), what_is_not_confirmed(dx)],
+        "table": held_out_table(dx, outputs),
+        "said": [what_adds_up(dx), what_is_not_confirmed(dx), how_it_extrapolates(dx)],
+        "louder": louder_table(dx, outputs),
     }
 
 

@@ -152,9 +152,20 @@ def parameter_table(dx) -> TableText:
     return to_table(frame, "Parameters of the simulation", names)
 
 
-def score_table(dx, outputs: Sequence[str]) -> TableText:
+def held_out_table(dx, outputs: Sequence[str]) -> TableText:
     """Return the held-out errors of ``outputs``, labelled with their units."""
-    frame = dx.scores_.reset_index()
+    return _score_table(dx, dx.scores_, "Held-out free run", outputs)
+
+
+def louder_table(dx, outputs: Sequence[str]) -> TableText | None:
+    """Return the errors in louder motion of what was fitted to quiet motion, None where there are none."""
+    if dx.extrapolation_.empty:
+        return None
+    return _score_table(dx, dx.extrapolation_, "Fitted to quiet motion, run over louder motion", outputs)
+
+
+def _score_table(dx, scores, title: str, outputs: Sequence[str]) -> TableText:
+    frame = scores.reset_index()
     rows = []
     for row in frame.to_dict("records"):
         cells = [WORDS[row["run"]], percent(row["nrmse"])]
@@ -166,9 +177,7 @@ def score_table(dx, outputs: Sequence[str]) -> TableText:
         rows.append(tuple(cells))
     rmse = [f"rms error of {label}" for label in outputs]
     header = ("simulation", "error / spread", f"{percent(dx.level)} interval", *rmse, "error energy removed")
-    return TableText(
-        "Held-out free run; energy removed is against the refitted simulation", header, tuple(rows)
-    )
+    return TableText(f"{title}; energy removed is against the refitted simulation", header, tuple(rows))
 
 
 def finding_table(finding, level: float) -> TableText:
