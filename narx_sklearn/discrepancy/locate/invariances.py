@@ -133,7 +133,8 @@ class _Judge:
     def __init__(self, w, folds):
         self.w = w
         self.folds = folds
-        self.total = max(float(w @ w), 1e-300)
+        self.own = np.bincount(folds, w**2, N_FOLDS)
+        self.total = max(float(self.own.sum()), 1e-300)
 
     def squares(self, basis) -> np.ndarray:
         """Return the squares left over in each fold, by ridge regression on the others."""
@@ -156,13 +157,13 @@ class _Judge:
 
     def share(self, basis) -> _Share:
         """Return the share of variance that a basis explains."""
-        own = np.bincount(self.folds, self.w**2, N_FOLDS)
-        return self.difference(own, self.squares(basis))
+        return self.difference(self.own, self.squares(basis))
 
     def difference(self, before, after) -> _Share:
-        """Return the share of variance by which squares went down."""
-        down = (before - after) / self.total
-        return _Share(float(down.sum()), float(np.std(down, ddof=1) * np.sqrt(N_FOLDS)))
+        """Return the share of variance by which squares went down, a ratio of sums over folds."""
+        down = before - after
+        share = float(down.sum()) / self.total
+        return _Share(share, float(np.std(down - share * self.own, ddof=1) * np.sqrt(N_FOLDS) / self.total))
 
 
 def _beside(memoryless: _Share, memory: _Share) -> str:
