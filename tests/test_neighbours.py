@@ -214,6 +214,7 @@ def test_dry_friction_beside_an_input_holds_all_that_hangs_on_it():
     assert np.abs(y[:, 0]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_what_brakes_the_cart_of_a_crane_is_named_in_newtons():
     def braked(x, u, p):
         s, c, push = np.sin(x[2]), np.cos(x[2]), u[0] - 15.0 * x[1] * abs(x[1])

@@ -133,6 +133,8 @@ class Effect:
     last : bool
         Whether its force answers all else that acts in its equation, as what holds a body at rest does, so
         that it is asked last.
+    turns : bool
+        Whether its states go another way as soon as its argument turns about, which a step must not miss.
     met_on : {"anything", "motion", "surfaces", "levels"}
         What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
         the state equation of something else it is odd there, and pays for that. An effect of levels is not
@@ -211,6 +213,7 @@ class Effect:
     jumps: bool = False
     after: bool = False
     last: bool = False
+    turns: bool = False
     met_on: str = "anything"
     met_at: str | None = None
     read_off: bool = False
