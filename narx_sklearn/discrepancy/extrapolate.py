@@ -57,7 +57,7 @@ def find_amplitudes(problem: Problem) -> Amplitudes:
     centre, spread = np.nanmean(values, axis=(0, 1)), np.nanstd(values, axis=(0, 1))
     away = np.abs(values - centre) / np.where(spread > 0, spread, np.inf)
     reach: np.ndarray = np.nan_to_num(np.nanmax(away, axis=(1, 2), initial=0.0))
-    counts = problem.weighted.sum(axis=(1, 2)) > 0
+    counts = problem.weighted.sum(axis=1).min(axis=1) > 0  # every output is seen in them
     if not counts.any():
         return Amplitudes(counts, counts, reach)
     edge = float(np.median(reach[counts]))
