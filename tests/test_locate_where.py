@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.locate import (
     invariances,
     regions,
     segments,
+    stated_regions,
 )
 from narx_sklearn.discrepancy.locate._hats import additive_hats, hats
 from narx_sklearn.discrepancy.simulator import Signal
@@ -143,6 +144,34 @@ def test_rules_read_like_sentences():
     assert str(Condition("direction of drive", 0.5, np.inf)) == "drive rising"
     assert str(Condition("direction of drive", -np.inf, -0.5)) == "drive falling"
     assert str(Condition("direction of drive", -0.5, np.inf)) == "drive not falling"
+
+
+@pytest.mark.parametrize(
+    ("bound", "below", "above"),
+    [(35.17443, 35.17, 35.175), (0.333, 0.333, 0.333), (0.40001, 0.4, 0.401), (-0.2, -0.2, -0.2)],
+)
+def test_a_bound_has_the_fewest_digits_that_hold_for_the_same_samples(bound, below, above):
+    table = pd.DataFrame({"level [cm]": [0.1, 0.333, 0.39, 0.41, 35.17, 35.1765, 35.2]})
+    condition = Condition("level [cm]", bound, np.inf).readable(table)
+    assert condition == ("level [cm]", below, np.inf)
+    assert inside([condition], table).tolist() == (table["level [cm]"] > bound).tolist()
+    assert Condition("level [cm]", -np.inf, bound).readable(table) == ("level [cm]", -np.inf, above)
+
+
+def test_a_region_that_an_effect_states_is_told_as_it_is():
+    x = np.linspace(-0.997, 2.003, 301)
+    table = pd.DataFrame({"position [m]": x, "|position [m]|": np.abs(x)})
+    stop = np.where(x > 1.5, x - 1.5, np.where(x < -0.5, x + 0.5, 0.0))
+    spans = [(-np.inf, -0.5), (1.5, np.inf)]
+    apart = stated_regions(stop, table, "position [m]", spans)
+    assert sorted(apart["rule"]) == ["position [m] <= -0.5", "position [m] > 1.5"]
+    assert apart["share"].sum() == pytest.approx(1.0)
+    by_size = stated_regions(stop, table, "position [m]", spans, is_centred=True)
+    assert by_size["rule"].tolist() == ["|position [m]| > 1"]
+    within = stated_regions((np.abs(x) < 0.4).astype(float), table, "position [m]", [(-0.4, 0.4)])
+    assert within["rule"].tolist() == ["|position [m]| <= 0.4"]
+    assert stated_regions(stop, table, "position [m]", [(3.0, np.inf)]).empty  # it is never there
+    assert stated_regions(0 * stop, table, "position [m]", spans).empty
 
 
 def test_a_rate_that_is_a_state_is_not_listed_twice():

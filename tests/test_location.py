@@ -52,14 +52,14 @@ def drive(n=3000, seed=0):
 
 
 @pytest.mark.parametrize(
-    ("rhs", "effect", "signal", "edge", "above"),
+    ("rhs", "effect", "signal", "edge", "above", "off"),
     [
-        (with_stop, "clearance", "|position [m]|", GAP, True),
-        (limited, "input_saturation", "|drive [V]|", LIMIT, True),
-        (dead, "dead_zone", "|drive [V]|", DEAD, False),
+        (with_stop, "clearance", "|position [m]|", GAP, True, 0.02),  # as its own parameters say
+        (limited, "input_saturation", "|drive [V]|", LIMIT, True, 0.1),  # where its corner is rounded
+        (dead, "dead_zone", "|drive [V]|", DEAD, False, 0.02),
     ],
 )
-def test_a_rule_says_where_a_named_effect_acts(rhs, effect, signal, edge, above):
+def test_a_rule_says_where_a_named_effect_acts(rhs, effect, signal, edge, above, off):
     u = drive()
     y = make(rhs).simulate(u)
     y += 0.005 * np.random.default_rng(1).normal(size=y.shape)
@@ -69,8 +69,32 @@ def test_a_rule_says_where_a_named_effect_acts(rhs, effect, signal, edge, above)
     first = dx.location_.regions.iloc[0]
     (condition,) = first["conditions"]
     assert (first["effect"], condition.feature) == (effect, signal)
-    assert (condition.low if above else condition.high) == pytest.approx(edge, rel=0.1)
+    assert (condition.low if above else condition.high) == pytest.approx(edge, rel=off)
     assert first["share"] > 0.95
+
+
+def test_what_is_held_at_a_rim_is_on_the_near_side_of_its_rule():
+    def tank(x, u, p):
+        return (u[0] - p[0] * np.sqrt(x[0] if x[0] > 0.0 else 0.0),)
+
+    about = {"dt": 1.0, "states": ["level [cm]"], "inputs": ["inflow [cm/s]"]}
+    simulator = ODESimulator(tank, parameters={"outflow": 0.2}, **about)
+    u = np.repeat(np.random.default_rng(0).uniform(0.2, 0.75, 60), 40)[:, None]
+    y, level = np.empty(u.size), 4.0
+    for k in range(u.size):
+        y[k] = level
+        for _ in range(50):
+            level = min(level + 0.02 * (u[k, 0] - 0.22 * np.sqrt(level)), 7.5)
+    held = y > 7.5 - 1e-9
+    assert 0.02 < held.mean() < 0.5
+    measured = y + 0.03 * np.random.default_rng(1).normal(size=y.size)
+    dx = DiscrepancyRegressor(simulator, effects=["overflow", "sensor_clip"]).fit(u, measured)
+    assert [finding.effect for finding in dx.findings_] == ["overflow"]
+    (rule,) = dx.location_.regions.to_dict("records")
+    assert [condition.feature for condition in rule["conditions"]] == ["level [cm]"]
+    inside_rule = inside(rule["conditions"], pd.DataFrame({"level [cm]": y}))
+    assert inside_rule[held].all()
+    assert inside_rule.sum() < 1.3 * held.sum()
 
 
 def test_what_a_curve_of_a_signal_adds_is_told_by_its_slope():

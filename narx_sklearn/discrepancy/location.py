@@ -7,6 +7,7 @@ import pandas as pd
 
 from narx_sklearn.discrepancy.acting import correction
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.locate import (
     bands,
     concentrated_force,
@@ -16,6 +17,7 @@ from narx_sklearn.discrepancy.locate import (
     port_table,
     ports_of,
     regions,
+    stated_regions,
     tangent,
 )
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
@@ -23,6 +25,8 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows
 FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
 MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
+LIKELY = 1.64  # standard errors, by which the ends of where an effect acts may be off
+NEAR = 1e-6  # of a signal's range, within which it has reached a limit
 NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
 NOTHING_TOLD = pd.DataFrame(columns=["value", "low", "high", "reading"], index=pd.Index([], name="property"))
@@ -145,9 +149,10 @@ def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFram
 
 
 def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
-    """Return the regions in which each of the effects found adds most, along the corrected run.
+    """Return the regions in which each of the effects found acts, along the corrected run.
 
-    What they add has no noise in it, so that a limit is found where it was fitted.
+    Where an effect acts in a range that its own parameters give, that is told, else where what it adds is
+    most. That has no noise in it, so that a limit is found where it was fitted.
     """
     problem, model = diagnosis.problem, diagnosis.best.fit.model
     run = problem.run(model)
@@ -162,9 +167,42 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
             floor = NOTICEABLE * np.max(added**2)
         inside = slice(int(at[0]), int(at[-1]) + 1)
         table = _features(problem.simulator, problem.u[inside], run.x[inside]).iloc[at - inside.start]
-        found.append(regions(added, table, floor=floor, noise_free=True).assign(effect=placed.effect.code))
+        rules = _stated(diagnosis, index, added, table)
+        if rules is None or rules.empty:
+            rules = regions(added, table, floor=floor, noise_free=True)
+        found.append(rules.assign(effect=placed.effect.code))
     some = [rules for rules in found if len(rules)]
     return pd.concat(some, ignore_index=True) if some else found[0]
+
+
+def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataFrame) -> pd.DataFrame | None:
+    """Return the regions that an effect's own parameters give, of a signal that has a name; None for none."""
+    simulator, fit = diagnosis.problem.simulator, diagnosis.best.fit
+    placed, own = fit.model.effects[index], fit.model.theirs[index]
+    acts_in, (kind, at) = placed.effect.acts_in, placed.port
+    named = {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[kind]
+    if kind == "state":
+        weights = np.array(placed.weights)
+        if np.count_nonzero(weights) != 1 or weights.max() != 1.0:
+            return None
+        at = int(np.argmax(weights))
+    feature = str(named[at])
+    if acts_in is None or feature not in table:
+        return None
+    theta = np.array(placed.theta[: len(placed.effect.parameters)])
+    spans = np.array(acts_in(theta))
+    ends = np.isfinite(spans)
+    slopes = np.array([np.array(acts_in(theta + step))[ends] - spans[ends] for step in np.eye(theta.size)])
+    own = slice(own.start, own.start + theta.size)
+    varied = covariance(diagnosis.problem, fit)[own, own]
+
+    def error(slope: np.ndarray) -> float:
+        return LIKELY * float(np.sqrt(max(slope @ varied @ slope, 0.0)))
+
+    is_centred = np.abs(spans[ends].mean()) <= error(slopes.mean(axis=1))
+    if placed.effect.after:  # what is held at a limit lies on neither side of it
+        spans[ends] -= [max(error(slope), NEAR * np.ptp(table[feature])) for slope in slopes.T]
+    return stated_regions(added, table, feature, spans, is_centred=is_centred)
 
 
 def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:

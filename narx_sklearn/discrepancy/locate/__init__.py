@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.locate.force_curve import force_curve
 from narx_sklearn.discrepancy.locate.invariances import invariances
 from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce, background, latent_force
 from narx_sklearn.discrepancy.locate.ports import latent_forces, port_table, ports_of
-from narx_sklearn.discrepancy.locate.regions import Condition, inside, regions
+from narx_sklearn.discrepancy.locate.regions import Condition, inside, regions, stated_regions
 from narx_sklearn.discrepancy.locate.segments import segments
 from narx_sklearn.discrepancy.locate.tangent import Tangent, tangent
 
@@ -32,5 +32,6 @@ __all__ = [
     "ports_of",
     "regions",
     "segments",
+    "stated_regions",
     "tangent",
 ]

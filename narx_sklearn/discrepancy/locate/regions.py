@@ -1,5 +1,6 @@
 """Which regions: short rules that say where in the machine's operation the mismatch lives."""
 
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from sklearn.tree import DecisionTreeRegressor
 
 from narx_sklearn.discrepancy.locate.features import plain
 
+COLUMNS = ["rule", "share", "time_share", "lift", "p_value", "conditions"]
 MAX_LEAVES = 6
 MAX_DEPTH = 3
 SMALLEST_LEAF = 0.02  # of the samples
@@ -23,6 +25,9 @@ SHORTEST = 5  # samples of such a window
 N_SHUFFLES = 1999
 LEVEL = 0.01
 N_EDGES = 60  # places tried for the beginning of a mismatch that grows
+ALIKE = 0.05  # share of a region's samples, by which one told by the size of a signal may differ
+FEWEST_DIGITS = 3  # of a bound
+DIGITS = 12  # of a bound, at most
 LEAST_LIFT = 1.2  # share of the energy over share of the time, below which a rule says nothing
 
 
@@ -55,12 +60,28 @@ class Condition(NamedTuple):
             edge, upper = (self.low, True) if np.isfinite(self.low) else (self.high, False)
             return f"{name} {words[(-1 if edge < 0 else 0, upper)]}"
         if np.isfinite(self.low) and np.isfinite(self.high):
-            return f"{self.low:.3g} < {self.feature} <= {self.high:.3g}"
+            return f"{self.low:.{DIGITS}g} < {self.feature} <= {self.high:.{DIGITS}g}"
         return (
-            f"{self.feature} > {self.low:.3g}"
+            f"{self.feature} > {self.low:.{DIGITS}g}"
             if np.isfinite(self.low)
-            else f"{self.feature} <= {self.high:.3g}"
+            else f"{self.feature} <= {self.high:.{DIGITS}g}"
         )
+
+    def readable(self, table: pd.DataFrame) -> "Condition":
+        """Return it with bounds of as few digits, three or more, as hold for the same samples of a table.
+
+        They are rounded outwards: what is held at a limit stays inside.
+        """
+        values = table[self.feature].to_numpy(dtype=float)
+
+        def shortest(bound: float, rounding: str) -> float:
+            for digits in range(FEWEST_DIGITS, DIGITS + 1):
+                rounded = float(Context(digits, rounding).create_decimal(repr(float(bound))))
+                if np.array_equal(values > rounded, values > bound):
+                    return rounded
+            return bound
+
+        return self._replace(low=shortest(self.low, ROUND_FLOOR), high=shortest(self.high, ROUND_CEILING))
 
 
 def inside(conditions, table: pd.DataFrame) -> np.ndarray:
@@ -136,13 +157,12 @@ def regions(
     >>> len(found), round(float(found.loc[0, "conditions"][0].low), 1)
     (1, 0.5)
     """
-    columns = ["rule", "share", "time_share", "lift", "p_value", "conditions"]
     energy = np.asarray(signal, dtype=float) ** 2
     known = np.isfinite(energy) & np.isfinite(table.to_numpy(dtype=float)).all(axis=1)
     samples = np.flatnonzero(known)
     length = samples.size // N_WINDOWS
     if (length < SHORTEST and not noise_free) or not energy[samples].sum() > 0:
-        return pd.DataFrame(columns=columns)
+        return pd.DataFrame(columns=COLUMNS)
     energy, table = energy[samples], table.iloc[samples]
     least = 0.1 * np.median(energy) if floor is None else np.broadcast_to(floor, known.shape)[samples]
     level = np.log(energy + np.maximum(least, 1e-9 * energy.mean()))
@@ -158,20 +178,81 @@ def regions(
     judged = np.arange(N_WINDOWS * length).reshape(N_WINDOWS, length)[1::2]
     rng = np.random.default_rng(random_state)
     orders = rng.permuted(np.tile(np.arange(len(judged)), (N_SHUFFLES, 1)), axis=1)
+    found = _told(rules, energy, table)
+    if noise_free or found.empty:
+        return _worth_telling(found, LEAST_SHARE)
+    masks = (inside(conditions, table)[judged].astype(float) for conditions in found["conditions"])
+    found["p_value"] = false_discovery_control([_p_value(mask, level[judged], orders) for mask in masks])
+    return _worth_telling(found[found["p_value"] <= LEVEL], 0.0)
+
+
+def stated_regions(
+    signal: np.ndarray, table: pd.DataFrame, feature: str, spans, *, is_centred=False
+) -> pd.DataFrame:
+    """Return the regions that an effect states itself, as :func:`regions` returns those that it finds.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+        What the effect adds; NaN is skipped.
+    table : DataFrame of shape (n_samples, n_features)
+        Features by name; rows with NaN are skipped.
+    feature : str
+        The signal that the effect is a function of.
+    spans : array-like of shape (n_spans, 2)
+        Where it acts, infinite where there is no end. Where they lie about zero, they are told by the
+        signal's size, if it is among the features.
+    is_centred : bool, default=False
+        Zero may lie halfway between two ends, as far as these are known.
+
+    Returns
+    -------
+    DataFrame
+        One row a rule, largest share first.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from narx_sklearn.discrepancy.locate import stated_regions
+    >>> x = np.sin(np.arange(1000) / 40)
+    >>> table = pd.DataFrame({"position [m]": x, "|position [m]|": np.abs(x)})
+    >>> stop = np.maximum(np.abs(x) - 0.8, 0.0)
+    >>> found = stated_regions(stop, table, "position [m]", [(-np.inf, -0.8), (0.8, np.inf)])
+    >>> found["rule"].tolist(), found["share"].tolist()
+    (['|position [m]| > 0.8'], [1.0])
+    """
+    energy = np.asarray(signal, dtype=float) ** 2
+    known = np.isfinite(energy) & np.isfinite(table.to_numpy(dtype=float)).all(axis=1)
+    energy, table = energy[known], table[known]
+    if not energy.sum() > 0:
+        return pd.DataFrame(columns=COLUMNS)
+    spans = np.asarray(spans, dtype=float)
+    rules: list[tuple[Condition, ...]] = [(Condition(feature, low, high),) for low, high in spans]
+    size, ends = f"|{feature}|", spans[np.isfinite(spans)]
+    if size in table and ends.size == 2:
+        half = 0.5 * float(np.ptp(ends))
+        is_within = len(spans) == 1
+        alike = Condition(size, -np.inf, half) if is_within else Condition(size, half, np.inf)
+        apart = np.any([inside(rule, table) for rule in rules], axis=0)
+        if is_centred or np.mean(apart != inside([alike], table)) <= ALIKE * apart.mean():
+            rules = [(alike,)]
+    return _worth_telling(_told(rules, energy, table), LEAST_SHARE)
+
+
+def _told(rules: list[tuple[Condition, ...]], energy: np.ndarray, table: pd.DataFrame) -> pd.DataFrame:
+    """Return rules with readable bounds and what they hold of an energy, not judged."""
     rows = []
-    for conditions in rules:
+    for found in rules:
+        conditions = tuple(condition.readable(table) for condition in found)
         mask = inside(conditions, table)
         share, time_share = energy[mask].sum() / energy.sum(), mask.mean()
-        p = 0.0 if noise_free else _p_value(mask[judged].astype(float), level[judged], orders)
         rule = " and ".join(map(str, conditions))
-        rows.append((rule, share, time_share, share / max(time_share, 1e-300), p, conditions))
-    found = pd.DataFrame(rows, columns=columns)
-    if not rows:
-        return found
-    found["p_value"] = false_discovery_control(found["p_value"])
-    kept = (found["p_value"] <= LEVEL) & (found["lift"] >= LEAST_LIFT)
-    if noise_free:
-        kept &= found["share"] >= LEAST_SHARE
+        rows.append((rule, share, time_share, share / max(time_share, 1e-300), 0.0, conditions))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _worth_telling(found: pd.DataFrame, least_share: float) -> pd.DataFrame:
+    kept = (found["lift"] >= LEAST_LIFT) & (found["share"] >= least_share)
     return found[kept].sort_values("share", ascending=False, kind="stable", ignore_index=True)
 
 

@@ -84,6 +84,11 @@ def _dead_zone_transform(signal, second, dt, theta, first):
     return _past_dead_zone(signal, theta[0], theta[1], theta[2])
 
 
+def _within_zone(theta):
+    d, c, _ = theta
+    return ((c - d, c + d),)
+
+
 def _dead_zone_starts(setting: Setting) -> np.ndarray:
     """Five widths about zero; where the signal works elsewhere, three about zero and three about its mean.
 
@@ -121,6 +126,11 @@ def _clearance(argument, rate, own, second, time, step, z, theta, dz):
 
 def _past_gap_of_level(level, g, c):
     return level - c - np.clip(level - c, -g, g)
+
+
+def _beyond_gap(theta):
+    _, g, c = theta
+    return (-np.inf, c - g), (c + g, np.inf)
 
 
 def _clearance_starts(setting: Setting) -> np.ndarray:
@@ -241,6 +251,7 @@ CLEARANCE = (
         transform=_dead_zone_transform,
         output_port=False,
         amplitude=None,
+        acts_in=_within_zone,
         lookalikes=("backlash", "coulomb_friction", "valve_stiction"),
         separate_by="the same input repeated about an offset",
         source="Tao and Kokotovic 1996, Adaptive Control of Systems with Actuator and Sensor Nonlinearities",
@@ -259,6 +270,7 @@ CLEARANCE = (
         starts=_clearance_starts,
         force=_clearance,
         argument="position",
+        acts_in=_beyond_gap,
         met_on="motion",
         lookalikes=("cubic_stiffness", "backlash", "bilinear_stiffness"),
         holds=("bilinear_stiffness",),

@@ -133,6 +133,9 @@ class Effect:
     last : bool
         Whether its force answers all else that acts in its equation, as what holds a body at rest does, so
         that it is asked last.
+    acts_in : callable, optional
+        ``acts_in(theta) -> ((low, high), ...)``: between which values of its argument it acts, if it acts in
+        some range only.
     turns : bool
         Whether its states go another way as soon as its argument turns about, which a step must not miss.
     met_on : {"anything", "motion", "surfaces", "levels"}
@@ -213,6 +216,7 @@ class Effect:
     jumps: bool = False
     after: bool = False
     last: bool = False
+    acts_in: Callable[..., tuple[tuple[float, float], ...]] | None = None
     turns: bool = False
     met_on: str = "anything"
     met_at: str | None = None

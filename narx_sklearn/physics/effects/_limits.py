@@ -50,6 +50,11 @@ def _clip_transform(signal, second, dt, theta, first):
     return between(signal, theta[0], theta[1])
 
 
+def _beyond_range(theta):
+    low, high = theta
+    return (-np.inf, low), (high, np.inf)
+
+
 def _clip_starts(setting: Setting) -> np.ndarray:
     return telling(setting, _levels(setting), _clip_transform)
 
@@ -132,6 +137,10 @@ def _overflow(argument, rate, own, second, time, step, z, theta, dz):
     return -min(max((argument - theta[0]) / step + own, 0.0), max(own, 0.0))
 
 
+def _at_rim(theta):
+    return ((theta[0], np.inf),)
+
+
 def _overflow_starts(setting: Setting) -> np.ndarray:
     if spread(setting.argument) == 0 or not quantiles(setting.own, 1.0) > 0:
         return np.empty((0, 1))
@@ -205,6 +214,7 @@ LIMITS = (
         starts=_overflow_starts,
         force=_overflow,
         amplitude=None,
+        acts_in=_at_rim,
         after=True,
         last=True,
         onward=True,
@@ -225,6 +235,7 @@ LIMITS = (
         input_port=False,
         amplitude=None,
         levels=(0, 1),
+        acts_in=_beyond_range,
         lookalikes=("input_saturation", "overflow"),
         scan=_clip_scan,
         separate_by="counting values at the flat top, and timing the fall after it",
