@@ -493,17 +493,6 @@ class TestRuns:
         # a sign that changes at the next stage leaves a hundredth and more of what friction does
         assert _size(coarse - fine) < 0.003 * _size(without - fine)
 
-    def test_a_hysteresis_that_turns_about_within_a_step_needs_no_friction_to_be_followed(self):
-        """Friction that does nothing must not pay by the shorter steps in which it turns about."""
-        u = np.column_stack([20 * wideband(), np.zeros(1200)])
-        loop = placed_on_mass(CATALOGUE["bouc_wen_hysteresis"], [30.0, 0.05, -0.5, 1.0])
-        nothing = placed_on_mass(CATALOGUE["coulomb_friction"], [0.0])
-        fine = mass(substeps=64, dt=0.02).with_effects([loop]).simulate(u)[:, 0]
-        alone, beside = (
-            mass(dt=0.02).with_effects(effects).simulate(u)[:, 0] for effects in ([loop], [loop, nothing])
-        )
-        assert _size(alone - fine) < 1.1 * _size(beside - fine)
-
     @pytest.mark.parametrize("d", [1e-12, 1e-4, 1e-2])
     def test_presliding_friction_never_stiffens_the_run(self, oscillator, d):
         effect = placed_on_mass(CATALOGUE["presliding_friction"], [3.0, d, 1.3, 0.1, 0.01])

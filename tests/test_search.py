@@ -2,20 +2,22 @@
 
 import numpy as np
 import pytest
-from small_machines import axis_problem, friction
+from small_machines import axis_problem, friction, levels
 
-from narx_sklearn.discrepancy import confirm, explain
+from narx_sklearn.discrepancy import ODESimulator, confirm, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import leaders
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -91,6 +93,31 @@ class TestIdle:
         assert [effect.effect.code for effect in alone.effects] == ["coulomb_friction"]
         assert alone.criterion < found.criterion
         assert alone.fit.cost == pytest.approx(found.fit.cost)
+
+    def test_friction_of_no_size_that_helps_by_its_shorter_steps_does_nothing(self):
+        """Where it turns about, a hysteresis beside it is followed in shorter steps too."""
+        about = {"parameters": {"gain": 1.0, "damping": 0.5, "stiffness": 40.0}, "states": ["x", "v"]}
+
+        def mass(substeps):
+            def rates(x, u, p):
+                return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+            return ODESimulator(rates, dt=0.1, inputs=["u"], substeps=substeps, **about)
+
+        loop = PlacedEffect(
+            CATALOGUE["bouc_wen_hysteresis"], Port("state", 1), (1.0, 0.0), theta=(30.0, 0.1, -0.5, 1.0)
+        )
+        rubs = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.0,))
+        rng = np.random.default_rng(0)
+        u = 20 * levels(rng, 1500)
+        y = mass(64).with_effects([loop]).simulate(u) + 1e-4 * rng.normal(size=(1500, 1))
+        windows = cut([(slice(0, 1500), 0)], 500, 12)
+        problem = Problem(mass(1), u, y, windows, Noise.white(np.array([1e-4])))
+        start = Model(problem.simulator.nominal, (loop, rubs), np.zeros((3, 2)))
+        both = Candidate(fit(problem, start, iterations=30), problem.n_seen)
+        (alone,) = without_idle(problem, both)
+        assert [effect.effect.code for effect in alone.effects] == ["bouc_wen_hysteresis"]
+        assert alone.criterion > both.criterion + 10  # the steps were worth more than a name costs
 
     def test_what_does_something_stays(self):
         problem, start = axis_problem([friction(0.3), self.load(0.2)])

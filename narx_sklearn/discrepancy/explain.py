@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.bank import Bank, entered, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate, odd
 from narx_sklearn.discrepancy.confirm import Trial, confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.detect import Detection, detect
+from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import Pair, gains, leaders, pairs
@@ -27,6 +28,7 @@ PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
 MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
+MAY_BE_NOTHING = 1.64  # standard errors, within which an effect's size may as well be zero
 PACE = 2.0  # times the last iteration's decrease, that each further one is given credit for
 
 
@@ -326,14 +328,32 @@ def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
 def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
     """Return the set fitted without the members that do nothing in it; none where all do something.
 
-    What a fit reached with their help the others may not have found alone.
+    What a fit reached with their help the others may not have found alone. Where a force of no size does as
+    well as one of its own, it is the shorter steps in which it turns about that help, so it does nothing.
     """
     idle = [
         effect
-        for effect in candidate.effects
+        for index, effect in enumerate(candidate.effects)
         if _without(problem, candidate, [effect], iterations=0).criterion <= candidate.criterion
+        or _is_as_good_at_no_size(problem, candidate, index)
     ]
     return [_without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
+
+
+def _is_as_good_at_no_size(problem: Problem, candidate: Candidate, index: int) -> bool:
+    """Tell whether a member whose size may as well be zero, by its error, does next to nothing."""
+    model, effect = candidate.fit.model, candidate.effects[index]
+    if effect.amplitude is None:
+        return False
+    at = model.theirs[index].start + effect.amplitude
+    q = model.q
+    if abs(q[at]) > MAY_BE_NOTHING * np.sqrt(covariance(problem, candidate.fit)[at, at]):
+        return False
+    q[at] = 0.0
+    free = np.ones(q.size, dtype=bool)
+    free[model.theirs[index]] = False
+    nothing = fit(problem, model.with_q(q), free=free, iterations=FINE)
+    return candidate.n_samples * np.log(nothing.cost / candidate.fit.cost) <= np.log(candidate.n_samples)
 
 
 def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> tuple[int, ...]:

@@ -283,16 +283,6 @@ def _is_parted(x, slope, settled, edges, weights, sticks, share, h):
 
 
 @njit(nogil=True, inline="always")
-def _has_turned(slope, weights, turns, share):
-    """Return whether what a force that `turns` depends on ends a step going the other way."""
-    turned = False
-    for e in range(turns.size):
-        if turns[e] and share[e] != 0.0:
-            turned = turned or _dot(weights, e, _row(slope, 0)) * _dot(weights, e, _row(slope, 3)) < 0.0
-    return turned
-
-
-@njit(nogil=True, inline="always")
 def _force(effects, e, row, argument, rate, own, other, time, step):
     """Return the force of an effect, which writes a row of dz."""
     addresses, theta, z, dz = effects
@@ -395,7 +385,6 @@ def _simulate_windows(
     jumps,
     after,
     sticks,
-    turns,
     inertial,
     begins,
     ends,
@@ -437,8 +426,7 @@ def _simulate_windows(
     `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
     steps that start between its times `begins` and `ends`, counted from where the session began. The
     equations jump by about twice an `authority` where one of the `switches` @ x is zero, to within a `width`.
-    A step in which that happens, a force that `sticks` turns about, or the argument of one that `turns` with
-    the sign of its rate does, is parted. An output that `sees_rates`
+    A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
     compiles that case apart, and it runs in half the time.
@@ -449,8 +437,7 @@ def _simulate_windows(
     """
     # owners of what inlined helpers are handed would be counted in every branch; what is borrowed has none
     weights, seconds, theta, switches, p, u, tilt = _borrowed((weights, seconds, theta, switches, p, u, tilt))
-    addresses, sticks, turns = _borrowed((force_addresses, sticks, turns))
-    authority, width = _borrowed((authority, width))
+    addresses, sticks, authority, width = _borrowed((force_addresses, sticks, authority, width))
     y_out, middle_out, end_out = _borrowed((y_out, middle_out, end_out))
     equation = _equation_at(equation_address)
     output = _equation_at(output_address)
@@ -484,11 +471,10 @@ def _simulate_windows(
     n_stages = 1 if is_map else 4
     has_switches = special is not None and switches.shape[0] > 0
     unsettled = nominal if has_switches else settled
-    may_part, may_turn = has_switches, False
+    may_part = has_switches
     for e in range(n_forces):
         may_part = may_part or sticks[e]
-        may_turn = may_turn or turns[e]
-    may_part, may_turn = may_part and not is_map, may_turn and not is_map
+    may_part = may_part and not is_map
     for w in range(first.size):
         if fresh[w]:
             z[:] = 0.0
@@ -605,10 +591,6 @@ def _simulate_windows(
                             _with_rates(x, slope, 0, moving)
                             _observe(output, moving, now, p, observed, y_out, k)
                         r += 1
-                    if may_turn and parts == 1 and _has_turned(slope, weights, turns, share):
-                        parts = FINER
-                        h /= FINER
-                        continue
                     if is_map:
                         for i in range(n_states):
                             x[i] = slope[0, i]
@@ -676,7 +658,7 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         INTEGERS,
-        *[FLAGS] * 5,
+        *[FLAGS] * 4,
         *[VECTOR] * 2,
         MATRIX,
         *[VECTOR] * 3,

@@ -7,6 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import Searched, converged
 from narx_sklearn.discrepancy.confirm import more_than_drift
+from narx_sklearn.discrepancy.explain import without_idle
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.lookalikes import REFINES, declared_rival, is_one_law, likeliest
 from narx_sklearn.discrepancy.placed import PlacedEffect
@@ -27,7 +28,8 @@ def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> 
     best = _likeliest_set(problem, pool, refitted.cost, searched.hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
-    return converged(problem, best, settings.n_jobs)
+    best = converged(problem, best, settings.n_jobs)
+    return next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
 
 
 def _likeliest_set(

@@ -365,7 +365,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, sticks, turns, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(5))
+    jumps, after, sticks, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(4))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
@@ -376,7 +376,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         addresses[i] = force_address(effect.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
-        sticks[i], turns[i] = effect.last, effect.turns
+        sticks[i] = effect.last
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
@@ -385,7 +385,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
-    flags = jumps, after, sticks, turns, inertial
+    flags = jumps, after, sticks, inertial
     ways = port, onward, through
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 

@@ -136,8 +136,6 @@ class Effect:
     acts_in : callable, optional
         ``acts_in(theta) -> ((low, high), ...)``: between which values of its argument it acts, if it acts in
         some range only.
-    turns : bool
-        Whether its states go another way as soon as its argument turns about, which a step must not miss.
     met_on : {"anything", "motion", "surfaces", "levels"}
         What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
         the state equation of something else it is odd there, and pays for that. An effect of levels is not
@@ -217,7 +215,6 @@ class Effect:
     after: bool = False
     last: bool = False
     acts_in: Callable[..., tuple[tuple[float, float], ...]] | None = None
-    turns: bool = False
     met_on: str = "anything"
     met_at: str | None = None
     read_off: bool = False

@@ -218,7 +218,6 @@ HYSTERESIS = (
         output_port=False,
         argument="position",
         n_memory=1,
-        turns=True,
         met_on="motion",
         lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
         # what yields at once is a play, what never does a spring from where one began
