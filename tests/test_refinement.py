@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from narx_sklearn.identification import LinearConstraints, refine_free_run
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification import LinearConstraints, NARXRegressor, refine_free_run
 from narx_sklearn.identification.refinement import _Runs
 from narx_sklearn.model import Difference, NARXModel, Play, free_run
 
@@ -163,3 +164,15 @@ def test_a_record_too_short_to_simulate_is_left_alone():
 def test_a_model_without_parameters_is_done():
     model = NARXModel.from_equations("0*y[k-1] + 0*u[k-1]")
     assert refine_free_run(model, np.ones((9, 1)), np.ones((9, 1))).converged
+
+
+def test_of_a_chaotic_run_whose_sensitivities_overflow_nothing_is_claimed():
+    model = NARXModel.from_equations("3.9*y[k-1] - 3.9*y[k-1]^2 + 0.001*u[k-1]")
+    X = np.random.default_rng(0).uniform(-1, 1, (2000, 1))
+    y = free_run(model, X, y_init=[0.3]).y
+    fit = refine_free_run(perturbed(model, 1e-4), X, y)
+    assert np.isfinite(fit.loss)
+    assert not fit.converged
+    with pytest.warns(NarxWarning, match="nothing is known of the parameters' uncertainty"):
+        narx = NARXRegressor(1, 1, refine=True).fit(X, y[:, 0])
+    assert np.isnan(narx.confidence_intervals()).all()

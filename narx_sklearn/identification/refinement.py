@@ -1,5 +1,6 @@
 """Free-run (simulation-error) refinement of a model's parameters, constraints kept."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,6 +9,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from narx_sklearn._validation import finite_slices, session_slices
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.selection import EXACT
 from narx_sklearn.identification.uncertainty import (
@@ -236,6 +238,8 @@ def _marquardt(runs: _Runs, theta, theta0, Z, place, max_iter: int, tol: float):
     for step in range(max_iter):
         if not np.isfinite(loss):
             return theta, np.inf, step, False
+        if not np.isfinite(gram).all():  # of a chaotic run, bounded though it is, sensitivities overflow
+            return theta, loss, step, False
         G = Z.T @ gram[np.ix_(into, into)] @ Z
         g = Z.T @ gradient[into]
         scale = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
@@ -281,7 +285,12 @@ def free_run_uncertainty(
     Returns
     -------
     ParameterUncertainty
-        Of the nonzero parameters, in the library's order.
+        Of the nonzero parameters, in the library's order; NaN where the sensitivities overflow.
+
+    Warns
+    -----
+    NarxWarning
+        If they do.
     """
     columns, terms = np.nonzero(model.parameters.T)
     place = _program_order(model, columns, terms)
@@ -290,6 +299,15 @@ def free_run_uncertainty(
     )
     parts = max(n_stretches(runs.n_samples) // max(len(runs.windows), 1), 1)
     _, gram, scores = runs.scores(model.parameters[terms, columns][place], parts)
+    if not np.isfinite(gram).all():
+        warnings.warn(
+            "The free run's sensitivities to the parameters leave the finite range, as those of chaotic "
+            "models do, so nothing is known of the parameters' uncertainty (NaN). Pass refine=False for "
+            "intervals of one-step estimates.",
+            NarxWarning,
+            stacklevel=4,
+        )
+        return ParameterUncertainty(np.full_like(gram, np.nan), parts * len(runs.windows) - 1)
     into = np.empty_like(place)
     into[place] = np.arange(place.size)
     return parameter_uncertainty(gram[np.ix_(into, into)], scores[:, into], constraints)
