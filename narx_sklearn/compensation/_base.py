@@ -1,5 +1,6 @@
 """What all compensators share: identify or take a model, derive the law, run it, explain it."""
 
+import warnings
 from dataclasses import replace
 from numbers import Real
 from typing import Any
@@ -8,7 +9,13 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
-from narx_sklearn._validation import as_signals, check_choice, check_same_length, column_labels
+from narx_sklearn._validation import (
+    as_signals,
+    check_choice,
+    check_same_length,
+    column_labels,
+    session_slices,
+)
 from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.law import (
     BRANCHES,
@@ -19,11 +26,14 @@ from narx_sklearn.compensation.law import (
     warn_if_unreachable,
 )
 from narx_sklearn.compensation.stability import warn_if_amplifying
+from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.simulation import free_run
 
 AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
+GIVEN_BACK = 0.2  # of the input's deviation: a law that returns an input worse than this has lost it
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
 
@@ -58,7 +68,7 @@ class Compensator(BaseEstimator):
         """
         self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
         limits, rate_limit = self._check_limits()
-        choices = {name: getattr(self, name) for name in CHOICES if hasattr(self, name)}
+        choices = self._choices()
         for name, choice in choices.items():
             check_choice(choice, name, CHOICES[name])
         self._line = None
@@ -68,11 +78,14 @@ class Compensator(BaseEstimator):
             check_same_length(X=data[0], y=data[1], sessions=sessions)
             if data[1].shape[1] != 1:
                 raise ValueError(f"A compensator follows one output, y has {data[1].shape[1]} columns.")
-            self._line = _static_line(data[0][:, 0], data[1][:, 0])
             self.n_features_in_ = data[0].shape[1]
         law = self._identify_law(X, y, sessions)
+        applied = None
+        if data is not None:
+            applied = self._parted(data[0], self.model_)[0]
+            self._line = _static_line(applied, data[1][:, 0])
         if self.limits is None and (data is not None or law.method == "search"):
-            limits = self._range_of(data)
+            limits = self._range_of(applied)
         self._is_continuum = law.keeps_rest
         self.law_ = replace(
             law, limits=limits, rate_limit=rate_limit, keeps_rest=law.keeps_rest and self.keep_rest, **choices
@@ -85,8 +98,44 @@ class Compensator(BaseEstimator):
         return self
 
     def _identify_law(self, X, y, sessions) -> CompensationLaw:
-        self.model_ = identified(self.model, self._default_regressor, X, y, sessions)
+        if isinstance(self.model, NARXModel):
+            self.model_ = self.model
+        elif self.model is None and X is not None and y is not None:
+            self.model_ = self._best_default(X, y, sessions)
+        else:
+            regressor = fitted_regressor(self.model, X, y, sessions)
+            self.model_ = self._model_of(regressor, X, y, sessions)
         return self._derive(self.model_)
+
+    def _best_default(self, X, y, sessions) -> NARXModel:
+        """Identify machines of several kinds; of those whose law serves return what predicts best."""
+        judge = self._judge(X, y, sessions)
+        return best_of(
+            self._default_regressors(X, y, getattr(self, "input_name", None)),
+            lambda regressor: self._model_of(fitted_regressor(regressor, X, y, sessions), X, y, sessions),
+            lambda model: judge(model, self._derive(model)),
+        )
+
+    def _judge(self, X, y, sessions):
+        """Return what judges a model and its law on a record: smaller is better."""
+        u, measured = as_signals(X, "X"), as_signals(y, "y")
+
+        def judge(model: NARXModel, law: CompensationLaw) -> tuple[bool, float]:
+            criterion, simulated = free_run_criterion(model, u, measured, sessions)
+            # with the model's own output as reference a law should return the input that made it
+            applied, others = self._parted(u, model)
+            bounded = replace(law, limits=self._range_of(applied), **self._choices())
+            reference = np.column_stack([simulated, others])
+            lost = input_error(bounded, reference, applied, sessions) if np.isfinite(criterion) else np.inf
+            return (False, criterion) if lost <= GIVEN_BACK else (True, lost)
+
+        return judge
+
+    def _model_of(self, regressor, X, y, sessions) -> NARXModel:
+        return regressor.model_
+
+    def _choices(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in CHOICES if hasattr(self, name)}
 
     def predict(self, X, m_init=None):
         """Return the input that makes the machine follow a reference.
@@ -237,9 +286,16 @@ class Compensator(BaseEstimator):
             by what a compensator does to a plant use `tracking_scorer`.
         """
         u = as_signals(X, "X")
-        r = np.column_stack([as_signals(y, "y"), u[:, 1:]])
-        m = self.compensate(r, m_init=u[0, 0]).m
-        return float(1.0 - np.sum((u[:, 0] - m) ** 2) / np.sum((u[:, 0] - u[:, 0].mean()) ** 2))
+        check_is_fitted(self, "law_")
+        applied, others = self._parted(u, self.model_)
+        m = self.compensate(np.column_stack([as_signals(y, "y"), others]), m_init=applied[0]).m
+        return float(1.0 - np.sum((applied - m) ** 2) / np.sum((applied - applied.mean()) ** 2))
+
+    def _parted(self, u: np.ndarray, model) -> tuple[np.ndarray, np.ndarray]:
+        """Return the input that compensates, and the other inputs."""
+        name = getattr(self, "input_name", None)
+        column = 0 if name is None else model.inputs.index(name)
+        return u[:, column], np.delete(u, column, axis=1)
 
     def _first_input(self, known) -> float:
         """Return the input that holds the first reference, as far as the law or the record know it."""
@@ -266,13 +322,13 @@ class Compensator(BaseEstimator):
         return limits, float(rate)
 
     @staticmethod
-    def _range_of(data) -> tuple[float, float]:
-        if data is None:
+    def _range_of(applied) -> tuple[float, float]:
+        if applied is None:
             raise ValueError(
                 "The law of this model is searched, which needs limits=(low, high): the range of the input. "
                 "They are taken from the data where fit gets data."
             )
-        return float(np.nanmin(data[0][:, 0])), float(np.nanmax(data[0][:, 0]))
+        return float(np.nanmin(applied)), float(np.nanmax(applied))
 
     def __sklearn_is_fitted__(self):
         return hasattr(self, "law_")
@@ -288,26 +344,71 @@ class Compensator(BaseEstimator):
             self.reset()
 
 
-def identified(model: Any, default, X, y, sessions) -> NARXModel:
-    """Return a model that is given, or identify one with the given or the default estimator."""
-    return model if isinstance(model, NARXModel) else fitted_regressor(model, default, X, y, sessions).model_
-
-
-def fitted_regressor(model: Any, default, X, y, sessions) -> Any:
-    """Return the given or the default estimator, fitted to the record."""
+def fitted_regressor(model: Any, X, y, sessions) -> Any:
+    """Return a clone of the given estimator, fitted to the record."""
     if X is None or y is None:
+        known = "model_ of the estimator" if hasattr(model, "model_") else "NARXModel(...)"
         raise ValueError(
             "fit needs the record X (inputs) and y (output) to identify a model from, or the compensator a "
-            "model=NARXModel(...) that is known."
+            f"model that is known: pass model={known}."
         )
-    if model is not None and not hasattr(model, "fit"):
+    if not hasattr(model, "fit"):
         raise TypeError(
             "model must be None, a NARXModel or an estimator such as NARXRegressor, got "
             f"{type(model).__name__}."
         )
-    regressor = default(X, y) if model is None else clone(model)
     options = {} if sessions is None else {"sessions": sessions}
-    return regressor.fit(X, y, **options)
+    return clone(model).fit(X, y, **options)
+
+
+def best_of(regressors, identify, judge) -> NARXModel:
+    """Return the model that is judged best; what one cannot do is told only where none can.
+
+    Warnings are those of the model that is taken.
+    """
+    best, refused = None, ValueError("There is nothing to choose from.")
+    for regressor in regressors:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                model = identify(regressor)
+                told_of_model = list(told)
+                mark = judge(model)
+            except ValueError as error:  # such as a law without a solution
+                refused = error
+                continue
+        if best is None or mark < best[0]:
+            best = mark, model, told_of_model
+    if best is None:
+        raise refused
+    for warning in best[2]:
+        warnings.warn(warning.message, stacklevel=5)
+    return best[1]
+
+
+def free_run_criterion(model: NARXModel, u, y, sessions, alike=0.0) -> tuple[float, np.ndarray]:
+    """Return the criterion of a model's free run (infinite where it diverges) and what it simulates.
+
+    Errors below the share ``alike`` of the output's deviation count as one, so that the fewer terms win.
+    """
+    run = free_run(model, u, y_init=y, sessions=sessions)
+    if run.stopped_at is not None:
+        return np.inf, run.y
+    left = (run.y - y)[np.isfinite(run.y) & np.isfinite(y)]
+    rss = max(float(left @ left), left.size * (alike * float(np.nanstd(y))) ** 2)
+    return float(information_criterion("bic", rss, left.size, model.n_terms)), run.y
+
+
+def input_error(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float:
+    """Return how far the input of a law lies from the one that was applied, over the latter's deviation."""
+    errors = []
+    for piece in session_slices(sessions, u.size):
+        known = np.isfinite(reference[piece]).all(axis=1) & np.isfinite(u[piece])
+        if known.any():
+            begin = piece.start + int(np.argmax(known))
+            m = law.run(reference[begin : piece.stop], m=u[begin]).m
+            errors.append((m - u[begin : piece.stop])[known[begin - piece.start :]])
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / (np.nanstd(u) or 1.0))
 
 
 def unnamed(X, y):
@@ -337,4 +438,4 @@ def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(u_held - slope * y_held), float(slope)
 
 
-__all__ = ["Compensator", "LawState", "fitted_regressor", "identified", "unnamed"]
+__all__ = ["Compensator", "LawState", "best_of", "fitted_regressor", "free_run_criterion", "unnamed"]

@@ -1,51 +1,65 @@
-"""Estimators that identify the model when a compensator is given none: hysteresis of third degree."""
+"""Estimators that identify the model when a compensator is given none."""
 
 import numpy as np
 
 from narx_sklearn._validation import column_labels, signal_names
+from narx_sklearn.identification.hysteresis import rate_independent_structure
 from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.model.phi import Difference, DifferenceSign
 
-DEGREE, N_TERMS = 3, 9  # as in the thesis, section 5.2
+DEGREE = 3  # as in the thesis, section 5.2
 
 
-def direct_regressor(X, y) -> NARXRegressor:
-    """Return the estimator of a hysteretic model that can rest anywhere (Assumption 4.1, Lemma 4.1)."""
-    return _hysteretic(X, y, lags=1, structure="hysteresis")
+def direct_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
+    """Return estimators of models that can rest anywhere (Lemma 4.1) and of ordinary ones, slow and quick.
+
+    With one input lag an ordinary model's law has no memory of its own, so that it cannot amplify.
+    """
+    resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
+    return [
+        *(NARXRegressor(*lags, phi_lags=lags[1], **resting) for lags in ((1, 1), (2, 1), (2, 2))),
+        *(NARXRegressor(2, lags, degree=DEGREE) for lags in (1, 2)),
+    ]
 
 
-def isolable_regressor(X, y) -> NARXRegressor:
-    """Return the same with an input lag more and the newest difference in one linear term."""
-    return _hysteretic(X, y, lags=2, structure=None)
+def isolable_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
+    """Return the same with the newest input or difference in one linear term (Assumptions 4.3, 4.4)."""
+    name = input_name or _first_name(X, "u")
+    resting = _resting(name, structure=None)
+    signals = [_first_name(y, "y")], [name], resting["phi"]
+    isolable, rate_independent = isolable_structure(*signals), rate_independent_structure(*signals)
+    resting["structure"] = lambda term: isolable(term) and rate_independent(term)
+    return [
+        *(NARXRegressor(lags, 2, phi_lags=2, **resting) for lags in (1, 2)),
+        *(NARXRegressor(2, lags, degree=DEGREE, structure="isolable") for lags in (1, 2)),
+    ]
 
 
-def inverse_regressor(X, y) -> NARXRegressor:
+def inverse_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     """Return the same for the inverse relationship; ``X`` is then the output of the machine."""
-    return _hysteretic(X, y, lags=1, structure="hysteresis")
+    resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
+    return [
+        *(NARXRegressor(1, lags, phi_lags=lags, refine=True, **resting) for lags in (1, 3)),
+        *(NARXRegressor(lags, 3, degree=DEGREE) for lags in (0, 1)),
+    ]
 
 
-def _hysteretic(X, y, *, lags: int, structure) -> NARXRegressor:
-    inputs, output = _names(X, "u"), _names(y, "y")[0]
-    phi = (Difference(inputs[0], name="phi1"), DifferenceSign(inputs[0], name="phi2"))
-    return NARXRegressor(
-        1,
-        lags,
-        phi=phi,
-        phi_lags=lags,
-        degree=DEGREE,
-        structure=structure or isolable_structure([output], inputs, phi),
-        constraints=f"{output}[k-1] = 1",
-        fit_intercept=False,
-        origin="zero",
-        n_terms=N_TERMS,
-        refine=False,
-    )
+def _resting(name: str, structure) -> dict:
+    """Return what makes a model rest anywhere: differences of an input, and no constant."""
+    return {
+        "phi": (Difference(name, name="phi1"), DifferenceSign(name, name="phi2")),
+        "degree": DEGREE,
+        "structure": structure,
+        "constraints": "continuum",
+        "fit_intercept": False,
+        "origin": "zero",
+    }
 
 
-def _names(data, letter: str) -> tuple[str, ...]:
+def _first_name(data, letter: str) -> str:
     labels = column_labels(data)
     if labels is None:
         values = np.asarray(data)
         labels = list(range(1 if values.ndim == 1 else values.shape[1]))
-    return signal_names(labels, letter)
+    return signal_names(labels, letter)[0]

@@ -5,16 +5,19 @@ from numbers import Integral
 import numpy as np
 import pandas as pd
 from scipy.signal import savgol_filter
-from sklearn.base import clone
 
 from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names
-from narx_sklearn.compensation._base import Compensator, identified
-from narx_sklearn.compensation._defaults import direct_regressor, inverse_regressor
+from narx_sklearn.compensation._base import Compensator, best_of, fitted_regressor, free_run_criterion
+from narx_sklearn.compensation._defaults import direct_regressors, inverse_regressors
 from narx_sklearn.compensation.derive import inverse_law, smooth_signs
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 
 __all__ = ["InverseCompensator", "smooth_output"]
+
+# of the input's deviation: inverse models that err less differ by how they fit the record's own speeds, and
+# those with more lags amplify other ones
+ALIKE = 0.05
 
 
 def smooth_output(y, window: int, *, sessions=None) -> np.ndarray:
@@ -77,8 +80,8 @@ class InverseCompensator(Compensator):
     ----------
     model : NARXModel, estimator or None, default=None
         A known inverse model: its output is the machine's input, its input the machine's output. Or an
-        estimator with ``model_`` after fit, such as `NARXRegressor`. None takes a hysteretic model of third
-        degree that can rest anywhere.
+        estimator with ``model_`` after fit, such as `NARXRegressor`. None identifies several of third
+        degree, with hysteresis and without, and takes the one that gives the recorded input back best.
     lead : int, default=2
         :math:`\tau_s`, at least the delay of the machine plus 1.
     denoise : None, int, "model" or estimator, default=None
@@ -86,6 +89,7 @@ class InverseCompensator(Compensator):
         integer smooths it by quadratics over so many samples (`smooth_output`); ``"model"``, or an estimator
         of the direct relationship, replaces it by the free run of a direct model, which the input alone
         drives: the first stage of two-stage least squares, so that noise of any colour does not enter.
+        ``"model"`` takes the best of those that `RootCompensator` identifies.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
         beyond which nothing is known; no limits where a model is given.
@@ -150,18 +154,33 @@ class InverseCompensator(Compensator):
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
 
+    _default_regressors = staticmethod(inverse_regressors)
+
     def _identify_law(self, X, y, sessions):
         if not isinstance(self.lead, Integral) or isinstance(self.lead, bool) or self.lead < 1:
             raise ValueError(
                 f"lead must be an integer of at least 1 (the machine's delay plus 1), got {self.lead!r}."
             )
         self.direct_model_ = None
-        if isinstance(self.model, NARXModel) or X is None or y is None:
-            self.model_ = identified(self.model, inverse_regressor, None, None, None)
+        if isinstance(self.model, NARXModel):
+            self.model_ = self.model
+        elif X is None or y is None:
+            fitted_regressor(self.model, None, None, None)  # says what is missing
         else:
             swapped = self._swap(X, y, sessions)
-            self.model_ = identified(self.model, inverse_regressor, *swapped)
-        return inverse_law(smooth_signs(self.model_, self.smooth_width), int(self.lead))
+            if self.model is None:
+                self.model_ = self._best_default(*swapped)
+            else:
+                self.model_ = fitted_regressor(self.model, *swapped).model_
+        return self._derive(self.model_)
+
+    def _derive(self, model):
+        return inverse_law(smooth_signs(model, self.smooth_width), int(self.lead))
+
+    def _judge(self, X, y, sessions):
+        output, u = as_signals(X, "X"), as_signals(y, "y")
+        # the free run of the inverse model is the law
+        return lambda model, law: free_run_criterion(model, output, u, sessions, alike=ALIKE)[0]
 
     def _swap(self, X, y, sessions):
         """Return the machine's output moved ahead as a frame, its input as a series, and sessions."""
@@ -191,12 +210,15 @@ class InverseCompensator(Compensator):
         if isinstance(self.denoise, Integral) and not isinstance(self.denoise, bool):
             return smooth_output(y, int(self.denoise), sessions=sessions)
         if self.denoise == "model":
-            regressor = direct_regressor(X, y)
+            self.direct_model_ = best_of(
+                direct_regressors(X, y, None),
+                lambda regressor: fitted_regressor(regressor, X, y, sessions).model_,
+                lambda model: free_run_criterion(model, as_signals(X, "X"), as_signals(y, "y"), sessions)[0],
+            )
         elif hasattr(self.denoise, "fit"):
-            regressor = clone(self.denoise)
+            self.direct_model_ = fitted_regressor(self.denoise, X, y, sessions).model_
         else:
             raise ValueError(
                 f"denoise must be None, an odd window, 'model' or an estimator, got {self.denoise!r}."
             )
-        self.direct_model_ = identified(regressor, None, X, y, sessions)
         return free_run(self.direct_model_, as_signals(X, "X"), as_signals(y, "y"), sessions=sessions).y[:, 0]

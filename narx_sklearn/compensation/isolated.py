@@ -5,8 +5,8 @@ from typing import Any
 
 from sklearn.base import clone
 
-from narx_sklearn.compensation._base import Compensator, fitted_regressor
-from narx_sklearn.compensation._defaults import isolable_regressor
+from narx_sklearn.compensation._base import Compensator
+from narx_sklearn.compensation._defaults import isolable_regressors
 from narx_sklearn.compensation.derive import isolated_law, smooth_signs
 from narx_sklearn.identification.constraints import parse_constraints
 from narx_sklearn.identification.hysteresis import expand_continuum
@@ -29,8 +29,9 @@ class IsolatedCompensator(Compensator):
     Parameters
     ----------
     model : NARXModel, estimator or None, default=None
-        A model that is known; or an estimator with ``model_`` after fit, with ``structure="isolable"``; None
-        takes a hysteretic model of third degree with this structure.
+        A model that is known; or an estimator with ``model_`` after fit, with ``structure="isolable"``. None
+        identifies several of third degree, with hysteresis and without, and takes one as `RootCompensator`
+        does.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
         beyond which nothing is known; no limits where a model is given.
@@ -95,18 +96,13 @@ class IsolatedCompensator(Compensator):
         self.smooth_width = smooth_width
         self.input_name = input_name
 
-    _default_regressor = staticmethod(isolable_regressor)
+    _default_regressors = staticmethod(isolable_regressors)
 
     def _derive(self, model):
         return isolated_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)
 
-    def _identify_law(self, X, y, sessions):
-        if isinstance(self.model, NARXModel):
-            self.model_ = self.model
-        else:
-            regressor = fitted_regressor(self.model, self._default_regressor, X, y, sessions)
-            self.model_ = _with_newest_input(regressor, self.input_name, X, y, sessions)
-        return self._derive(self.model_)
+    def _model_of(self, regressor, X, y, sessions) -> NARXModel:
+        return _with_newest_input(regressor, self.input_name, X, y, sessions)
 
 
 def _with_newest_input(regressor: Any, input_name: str | None, X, y, sessions) -> NARXModel:

@@ -1,7 +1,7 @@
 """RootCompensator: the input as a root of the model's own equation (thesis section 4.4)."""
 
 from narx_sklearn.compensation._base import Compensator
-from narx_sklearn.compensation._defaults import direct_regressor
+from narx_sklearn.compensation._defaults import direct_regressors
 from narx_sklearn.compensation.derive import root_law, smooth_signs
 
 __all__ = ["RootCompensator"]
@@ -20,7 +20,8 @@ class RootCompensator(Compensator):
     ----------
     model : NARXModel, estimator or None, default=None
         A model that is known; or an estimator with ``model_`` after fit, such as `NARXRegressor`, that
-        identifies it; None takes a hysteretic model of third degree that can rest anywhere.
+        identifies it. None identifies models of third degree, some that can rest anywhere and some without
+        hysteresis, and takes the one with the best free run of those whose law gives the recorded input back.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
         beyond which nothing is known; no limits where a model is given.
@@ -101,7 +102,7 @@ class RootCompensator(Compensator):
         self.smooth_width = smooth_width
         self.input_name = input_name
 
-    _default_regressor = staticmethod(direct_regressor)
+    _default_regressors = staticmethod(direct_regressors)
 
     def _derive(self, model):
         law = root_law(smooth_signs(model, self.smooth_width), input_name=self.input_name)
