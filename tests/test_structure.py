@@ -1,10 +1,11 @@
 """Candidate terms: clusters as text, filters, lags and delays."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from narx_sklearn.identification import exclude_clusters
+from narx_sklearn.identification import NARXRegressor, exclude_clusters
 from narx_sklearn.identification.structure import (
     candidate_library,
     cluster_text,
@@ -114,3 +115,26 @@ def test_what_gives_no_candidates_is_refused(options, message):
 def test_lags_are_integers(lags):
     with pytest.raises(TypeError, match="input_lags must"):
         candidates(input_lags=lags)
+
+
+@pytest.mark.parametrize("structure", ["hysteresis", "rate_independent"])
+def test_a_structure_that_would_leave_a_model_without_input_is_refused(structure):
+    u = np.random.default_rng(0).uniform(-1, 1, (50, 1))
+    with pytest.raises(ValueError, match=r"Pass phi=\[Difference\('u'\), DifferenceSign\('u'\)\]"):
+        NARXRegressor(1, 1, structure=structure).fit(u, u[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"exclude": ["load"]}, ValueError, r"exclude='load' names \['load'\]; the signals are \['u', 'y'\]"),
+        ({"phi": [Difference("drive")]}, ValueError, r"phi\[0\] is a function of \['drive'\]; the signals"),
+        ({"phi": Difference("u")}, TypeError, r"phi must be a sequence of phi regressors"),
+        ({"phi": ["sign"]}, TypeError, r"phi must hold phi regressors such as Difference\('u'\), got 'sign'"),
+        ({"phi": [Difference("u", name="u")]}, ValueError, "The name 'u' is given twice"),
+    ],
+)
+def test_signals_that_are_none_are_told(arguments, error, message):
+    u = np.random.default_rng(0).uniform(-1, 1, (50, 1))
+    with pytest.raises(error, match=message):
+        NARXRegressor(1, 1, **arguments).fit(u, u[:, 0])

@@ -105,7 +105,7 @@ def test_input_names_are_checked():
         (TermTransformer(["v[k-1]"]), r"terms use the signals \['v'\]; X \(n_features=2\) and phi hold"),
         (TermTransformer(["u[k+1]"]), r"terms read the future, u\[k\+1\]; shift the target instead"),
         (TermTransformer([]), "terms is empty"),
-        (TermTransformer(phi=[Difference("v")]), r"phi\[0\] is a function of \['v'\]; the signals of X"),
+        (TermTransformer(phi=[Difference("v")]), r"phi\[0\] is a function of \['v'\]; the signals here"),
         (TermTransformer(phi=[Difference("u", name="y")]), "The name 'y' is given twice"),
         (PhiTransformer(keep_signals=False), "There is nothing to compute"),
     ],

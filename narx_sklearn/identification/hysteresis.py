@@ -90,6 +90,11 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     callable
         Takes a `Term`, returns whether it may be a candidate.
 
+    Raises
+    ------
+    ValueError
+        If no phi regressor moves with the input, so that only the linear outputs would be left.
+
     Notes
     -----
     A term is kept when it has the output at most to the first power (i), no sign-like phi to a higher power
@@ -116,6 +121,7 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     output_names = set(outputs)
     moving = {str(p.name) for p in phi if p.has_memory or vanishes_at_rest(p)}
     signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
+    _check_moves("hysteresis", moving, inputs)
 
     def keep(term: Term) -> bool:
         exponents = dict(term.cluster)
@@ -150,6 +156,11 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
     callable
         Takes a `Term`, returns whether it may be a candidate.
 
+    Raises
+    ------
+    ValueError
+        If no phi regressor moves with the input, so that only the linear outputs would be left.
+
     Notes
     -----
     All terms but the linear outputs vanish at rest, so Lemma 4.1 holds as it does with Assumption 4.1. The
@@ -171,6 +182,7 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
     output_names = set(outputs)
     rates = {str(p.name) for p in phi if isinstance(p, Difference | AbsoluteDifference)}
     signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
+    _check_moves("rate_independent", rates, inputs)
 
     def keep(term: Term) -> bool:
         exponents = dict(term.cluster)
@@ -179,6 +191,16 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
         return term.degree == 1 and term.signals <= output_names
 
     return keep
+
+
+def _check_moves(structure: str, moving: set[str], inputs: Sequence[str]) -> None:
+    """Refuse a structure that leaves nothing but the linear outputs, a model without an input."""
+    if not moving:
+        name = inputs[0] if inputs else "u"
+        raise ValueError(
+            f"structure={structure!r} keeps no term but the linear outputs, because no phi regressor moves "
+            f"with an input. Pass phi=[Difference({name!r}), DifferenceSign({name!r})] of narx_sklearn.model."
+        )
 
 
 STRUCTURES["hysteresis"] = hysteresis_structure

@@ -53,7 +53,7 @@ from narx_sklearn.identification.regressors import Candidates, candidates_of, re
 from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.identification.selection import SEARCHES, criterion_minima, err_order, size_window
 from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
-from narx_sklearn.identification.structure import candidate_library, structure_filter
+from narx_sklearn.identification.structure import candidate_library, named_phi, structure_filter
 from narx_sklearn.identification.uncertainty import (
     OneStepScores,
     ParameterUncertainty,
@@ -61,7 +61,7 @@ from narx_sklearn.identification.uncertainty import (
     parameter_uncertainty,
 )
 from narx_sklearn.identification.whiteness import is_white
-from narx_sklearn.model.narx import NARXModel, replace_name
+from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.recording import lay_out
 from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
 
@@ -485,9 +485,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if clash:
             raise ValueError(f"{sorted(clash)} is the name of an input and of an output; rename a column.")
         units = signal_units(outputs, labels) | signal_units(inputs, input_labels)
-        phi = tuple(
-            p if p.name is not None else replace_name(p, f"phi{i + 1}") for i, p in enumerate(self.phi)
-        )
+        phi = named_phi(self.phi, outputs + inputs)
         library = candidate_library(
             outputs,
             inputs,

@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral
 
 from narx_sklearn._validation import check_lags
+from narx_sklearn.model.narx import replace_name
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.terms import Term, TermLibrary, Variable, count_candidates, signal_order
 
-__all__ = ["STRUCTURES", "cluster_text", "exclude_clusters", "structure_filter"]
+__all__ = ["STRUCTURES", "cluster_text", "exclude_clusters", "named_phi", "structure_filter"]
 
 MOST_CANDIDATES = 1_000_000  # terms of a library: beyond, its terms alone take minutes and gigabytes
 
@@ -67,8 +68,13 @@ def structure_filter(
     Raises
     ------
     ValueError
-        If the structure is not known.
+        If the structure is not known, or ``exclude`` names a signal that is none.
     """
+    signals = {*outputs, *inputs, *(str(p.name) for p in phi)}
+    for cluster in [exclude] if isinstance(exclude, str) else exclude:
+        unknown = sorted({signal for signal, _ in parse_cluster(cluster)} - signals)
+        if unknown:
+            raise ValueError(f"exclude={cluster!r} names {unknown}; the signals are {sorted(signals)}.")
     if structure is None:
         keep: Keep = lambda term: True  # noqa: E731 - a filter like the others
     elif callable(structure):
@@ -82,6 +88,37 @@ def structure_filter(
         )
     outside = exclude_clusters(exclude)
     return lambda term: keep(term) and outside(term)
+
+
+def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
+    """Return phi regressors with names, checked against the signals they are functions of.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no sequence, or one is no `Phi`, is a function of an unknown signal, or has the name of
+        something else.
+    """
+    if isinstance(phi, Phi | str) or not isinstance(phi, Iterable):
+        raise TypeError(f"phi must be a sequence of phi regressors, such as [Difference('u')], got {phi!r}.")
+    named = []
+    for i, one in enumerate(phi):
+        if not isinstance(one, Phi):
+            raise TypeError(f"phi must hold phi regressors such as Difference('u'), got {one!r}.")
+        missing = one.signals - set(signals)
+        if missing:
+            raise ValueError(
+                f"phi[{i}] is a function of {sorted(missing)}; the signals here (n_features={len(signals)}) "
+                f"are {list(signals)}."
+            )
+        named.append(one if one.name is not None else replace_name(one, f"phi{i + 1}"))
+    names = [*signals, *(str(p.name) for p in named)]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ValueError(
+            f"The name {repeated[0]!r} is given twice, to signals or phi regressors; rename one."
+        )
+    return tuple(named)
 
 
 def candidate_library(

@@ -13,8 +13,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from narx_sklearn._validation import check_choice, column_labels, session_slices, signal_names
 from narx_sklearn.identification.regressors import Candidates
-from narx_sklearn.identification.structure import candidate_library, structure_filter
-from narx_sklearn.model.narx import replace_name
+from narx_sklearn.identification.structure import candidate_library, named_phi, structure_filter
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.recording import Layout, Recording, lay_out
 from narx_sklearn.model.terms import TermLibrary
@@ -380,34 +379,6 @@ class PhiTransformer(_SignalTransformer):
 
     def _names(self) -> list[str]:
         return [*(self._labels if self.keep_signals else ()), *(str(p.name) for p in self.phi_)]
-
-
-def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
-    """Return phi regressors with names, checked against the signals they are functions of.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If one is no `Phi`, is a function of an unknown signal, or has the name of something else.
-    """
-    named = []
-    for i, one in enumerate(phi):
-        if not isinstance(one, Phi):
-            raise TypeError(f"phi must hold phi regressors such as Difference('u'), got {one!r}.")
-        missing = one.signals - set(signals)
-        if missing:
-            raise ValueError(
-                f"phi[{i}] is a function of {sorted(missing)}; the signals of X (n_features={len(signals)}) "
-                f"are {list(signals)}."
-            )
-        named.append(one if one.name is not None else replace_name(one, f"phi{i + 1}"))
-    names = [*signals, *(str(p.name) for p in named)]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise ValueError(
-            f"The name {repeated[0]!r} is given twice, to signals or phi regressors; rename one."
-        )
-    return tuple(named)
 
 
 def candidates_of(
