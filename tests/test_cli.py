@@ -19,13 +19,15 @@ import pytest
 import narx_sklearn
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn._progress import progress, write_beside
+from narx_sklearn.analysis import continuum_of_steady_states
 from narx_sklearn.cli import _demo, _excite, main
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
 from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
 from narx_sklearn.cli._simulators import load_simulator
-from narx_sklearn.model import NARXModel
+from narx_sklearn.model import NARXModel, free_run
+from narx_sklearn.signals import prfs
 
 COMMANDS = ("diagnose", "identify", "compensate", "excite", "demo")
 SERVO = """
@@ -500,6 +502,24 @@ def test_identify_finds_a_known_model_and_compensate_inverts_it(tmp_path, capsys
     done = table(capsys.readouterr().out)
     # r[k+1] = 0.5 r[k] + 2 m[k]: the step needs 0.5, holding it 0.25; the reference is held after its end
     np.testing.assert_allclose(done["u [V]"], [0.5, 0.25, 0.25, 0.25], rtol=1e-9)
+
+
+def test_identify_with_hysteresis_gives_a_model_that_rests_where_its_input_stops(
+    tmp_path, monkeypatch, capsys
+):
+    u = prfs(1500, 1.0, 0.01, amplitudes=5.0, random_state=0)
+    h, y = 0.0, np.zeros(u.size)
+    for k in range(1, u.size):
+        h += 0.3 * (u[k] - u[k - 1]) - 0.2 * abs(u[k] - u[k - 1]) * h
+        y[k] = 0.5 * y[k - 1] + 0.5 * (u[k] - h)
+    feed(monkeypatch, pd.DataFrame({"drive [V]": u, "position [um]": y}).to_csv(index=False))
+    saved = tmp_path / "stage.json"
+    asked = ["--u=drive", "--y=position", "--structure=hysteresis", "--quiet", "--save", str(saved)]
+    assert main(["identify", "-", *asked]) == 0
+    model = NARXModel.load(saved)
+    assert continuum_of_steady_states(model).exists
+    assert {"drive"} <= {s for p in model.phi for s in p.signals}
+    assert free_run(model, u, y_init=y).y[:, 0] == pytest.approx(y, abs=0.03 * np.ptp(y))
 
 
 def test_identify_without_lags_chooses_them(monkeypatch, capsys):

@@ -3,8 +3,10 @@
 import json
 
 import numpy as np
+import pandas as pd
 
 from narx_sklearn._progress import progress
+from narx_sklearn._validation import signal_names
 from narx_sklearn.analysis import residual_tests
 from narx_sklearn.cli._columns import Recording, last_part, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
@@ -12,10 +14,11 @@ from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import say, tell_notes, write_json
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
-from narx_sklearn.model import free_run, predict_one_step
+from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one_step
 
 STAGES = {"identification": 0, "free run": 95, "residual tests": 96}  # per cent of the time, as measured
 FEWEST = 10  # samples from which a model is identified
+RESTING = ("hysteresis", "rate_independent")  # structures of models that stay where they are at rest
 EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
 
 
@@ -65,16 +68,27 @@ def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor
     y = outputs.iloc[:, 0] if outputs.shape[1] == 1 else outputs
     common = {"structure": options.structure, "sampling_period": recording.dt}
     asked = (options.output_lags, options.input_lags, options.degree)
-    if all(value is None for value in asked) and options.terms is None:
+    usual = (2, 2, 2)
+    if options.structure in RESTING:
+        common |= _resting(X)
+        usual = (2, 2, 3)  # of less than third degree a loop has no curved branches
+    elif all(value is None for value in asked) and options.terms is None:
         search = NARXRegressorCV(
             delay=(options.delay,), cv=_folds(sessions), rule="one_standard_error", **common
         )
         return search.fit(X, y, sessions=sessions).best_estimator_
-    output_lags, input_lags, degree = (value if value is not None else 2 for value in asked)
+    output_lags, input_lags, degree = (u if v is None else v for v, u in zip(asked, usual, strict=True))
     narx = NARXRegressor(
-        output_lags, input_lags, delay=options.delay, degree=degree, n_terms=options.terms, **common
-    )
+        output_lags, input_lags, phi_lags=input_lags, delay=options.delay, degree=degree,
+        n_terms=options.terms, **common,
+    )  # fmt: skip
     return narx.fit(X, y, sessions=sessions)
+
+
+def _resting(X: pd.DataFrame) -> dict:
+    """Return what lets a model rest anywhere: differences of the inputs, their signs, and Lemma 4.1."""
+    phi = [kind(name) for name in signal_names(list(X), "u") for kind in (Difference, DifferenceSign)]
+    return {"phi": phi, "constraints": "continuum", "fit_intercept": False, "origin": "zero"}
 
 
 def _folds(sessions) -> int:

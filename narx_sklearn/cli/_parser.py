@@ -33,7 +33,8 @@ Without lags and degree they are chosen by cross-validation of the free run.
 
 examples:
   narx-sklearn identify bench.csv --save model.json
-  narx-sklearn identify bench.csv --output-lags 2 --input-lags 3 --degree 3 --structure hysteresis
+  narx-sklearn identify bench.csv --output-lags 2 --input-lags 3 --degree 3
+  narx-sklearn identify piezo.csv --structure rate_independent --save model.json
 """
 
 COMPENSATE = """\
@@ -172,7 +173,11 @@ def _identify(parser) -> None:
     )
     group.add_argument("--degree", type=int, help="highest degree of a term")
     group.add_argument("--terms", type=int, help="number of terms")
-    group.add_argument("--structure", help="allowed terms, such as hysteresis")
+    group.add_argument(
+        "--structure",
+        help="hysteresis or rate_independent: with differences of the inputs and their signs, a model that "
+        "rests wherever its input stops; isolable: one that compensate can isolate the input of",
+    )
     group.add_argument(
         "--test-fraction", type=float, default=0.2, help="last share held out (default: %(default)s)"
     )
