@@ -26,7 +26,7 @@ from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
 from narx_sklearn.cli._simulators import load_simulator
-from narx_sklearn.model import NARXModel, free_run
+from narx_sklearn.model import Difference, NARXModel, free_run
 from narx_sklearn.signals import prfs
 
 COMMANDS = ("diagnose", "identify", "compensate", "excite", "demo")
@@ -570,6 +570,32 @@ def test_compensate_keeps_the_limits_and_tells_so(model, monkeypatch, capsys):
     said = capsys.readouterr()
     assert table(said.out)["u [V]"].abs().max() <= 1
     assert "no admissible input" in said.err
+
+
+def test_the_other_inputs_of_a_law_stand_beside_the_reference(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "oven.json"
+    NARXModel.from_equations("0.5*y[k-1] + u[k-1] + v[k-1]", inputs=["u", "v"]).save(path)
+    feed(monkeypatch, "y [K],v [K]\n2,1\n2,1\n2,0\n2,0\n")
+    assert main(["compensate", "-", "--model", str(path), "--quiet"]) == 0
+    assert table(capsys.readouterr().out)["u"].tolist() == [0.0, 0.0, 1.0, 1.0]
+    feed(monkeypatch, "y [K]\n2\n2\n")
+    assert main(["compensate", "-", "--model", str(path), "--quiet"]) == 2
+    assert "The law also needs the input v" in capsys.readouterr().err
+
+
+def test_a_model_that_rests_anywhere_starts_where_the_machine_is_said_to_be_held(
+    tmp_path, monkeypatch, capsys
+):
+    path = tmp_path / "stage.json"
+    phi = [Difference("u", name="phi1")]
+    NARXModel.from_equations("y[k-1] + 0.5*phi1[k-1]", phi=phi).save(path)
+    for start, said in (([], "Pass --start with the input"), (["--start", "50"], "The law:")):
+        feed(monkeypatch, "r\n8\n8\n9\n9\n")
+        assert main(["compensate", "-", "--model", str(path), *start]) == 0
+        told = capsys.readouterr()
+        assert said in told.err
+        assert ("--start" in told.err) == (not start)
+    assert table(told.out)["u"].tolist() == [50.0, 52.0, 52.0, 52.0]
 
 
 def test_no_file_is_written_where_the_law_has_no_solution_at_all(tmp_path, monkeypatch, capsys):

@@ -7,7 +7,7 @@ from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
-from narx_sklearn.cli._sampling import sample_evenly
+from narx_sklearn.cli._sampling import find_column, sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import InverseCompensator, IsolatedCompensator, RootCompensator
 from narx_sklearn.model import NARXModel
@@ -49,8 +49,13 @@ def run(options) -> None:
             raise UsageError(f"A compensator follows one output; --y names {recording.y.shape[1]}.")
         compensator.fit(recording.u, recording.y.iloc[:, 0], recording.sessions)
         label = recording.u.columns[0]
-    columns, reference, notes = _read_reference(options)
-    done = compensator.compensate(reference)
+    columns, reference, notes = _read_reference(options, compensator.law_.others)
+    done = compensator.compensate(reference, options.start)
+    if options.start is None and options.record is None and compensator.law_.keeps_rest:
+        notes.append(
+            f"The model can rest at any input, and --start tells none; the first one is {done.m[0]:g}. Pass "
+            "--start with the input at which the machine is held."
+        )
     counts = done.counts
     if counts.no_solution == counts.samples:
         raise DataError(
@@ -79,8 +84,8 @@ def _load_model(path: str) -> NARXModel:
         ) from error
 
 
-def _read_reference(options):
-    """Return the columns to write (time, reference), the reference, and notes."""
+def _read_reference(options, others):
+    """Return the columns to write (time, reference), what the law knows beforehand, and notes."""
     table = read_table(options.reference)
     # the options name columns of the record where there is one, and of the reference where there is none
     own = options.record is None
@@ -88,11 +93,13 @@ def _read_reference(options):
         table, dt=options.dt, time=options.time if own else None, resample=options.resample if own else None
     )
     labels = list(sampled.frame.columns)
+    beside = [find_column(labels, name, "The law also needs the input") for name in others]
     named = asked_columns(table, labels, options.r, "--r")
+    labels = [label for label in labels if label not in beside]
     named = named or [name for name in labels if split_unit(name)[0].lower() in REFERENCES] or labels
     if len(named) != 1:
         raise UsageError(f"Which column is the reference? Name it with --r; there are {', '.join(labels)}.")
     (label,) = named
     columns = {} if sampled.dt is None else {"time [s]": sampled.dt * np.arange(len(sampled.frame))}
-    reference = sampled.frame[label].to_numpy()
-    return {**columns, label: reference}, reference, list(sampled.notes)
+    known = sampled.frame[[label, *beside]].to_numpy()
+    return {**columns, label: known[:, 0]}, known, list(sampled.notes)

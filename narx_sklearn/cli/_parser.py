@@ -40,8 +40,8 @@ examples:
 COMPENSATE = """\
 Turn a reference into the input that makes the machine follow it.
 
-The reference is a table with one column besides the time. The model comes from `identify --save`, or is
-identified here from a record.
+The reference is a table with one column besides the time, and one for each other input of the model, by
+name. The model comes from `identify --save`, or is identified here from a record.
 
 examples:
   narx-sklearn compensate reference.csv --model model.json --limits 0 10 --output input.csv
@@ -194,6 +194,12 @@ def _compensate(parser) -> None:
         help="how (default: %(default)s)",
     )
     parser.add_argument("--r", metavar="NAME", help="column of the reference")
+    parser.add_argument(
+        "--start",
+        type=float,
+        metavar="INPUT",
+        help="input at which the machine is held before the first sample",
+    )
     parser.add_argument("--limits", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of the input")
     parser.add_argument("--rate-limit", type=positive, metavar="CHANGE", help="largest change in one sample")
     parser.add_argument(

@@ -147,7 +147,8 @@ class Compensator(BaseEstimator):
             be read ahead, and is held after its end.
         m_init : float, default=None
             Input held before the first sample. None takes the one that holds the first reference. Where the
-            model can rest anywhere, many do; it is then the one on the straight line through the record.
+            model can rest anywhere, many do; it is then the one on the straight line through the record, and
+            without a record as large as the first reference: pass ``m_init``.
 
         Returns
         -------
