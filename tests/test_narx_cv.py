@@ -1,5 +1,7 @@
 """NARXRegressorCV: the same choice as a plain grid search, from one pass over the data."""
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -85,3 +87,16 @@ def test_wrong_parameters_are_refused(parameters, message):
     X, y = make_record(100)
     with pytest.raises((ValueError, TypeError), match=message):
         NARXRegressorCV(**parameters).fit(X, y)
+
+
+def test_an_input_in_long_steps_floods_nobody_with_warnings_of_trials():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(0, 1, 6), 50)  # (u[k-1] - u[k-2]) (u[k-2] - u[k-3]) is always zero
+    y = np.zeros(u.size)
+    for k in range(1, u.size):
+        y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1] + 0.001 * rng.normal()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        search = NARXRegressorCV(cv=3).fit(u[:, None], y)
+    assert len(told) <= 1
+    assert search.best_score_ > 0.9

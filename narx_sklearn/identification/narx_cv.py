@@ -1,5 +1,6 @@
 """NARXRegressorCV: lags, degree and size chosen by free run on held-out folds, from one pass."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice
+from narx_sklearn.exceptions import RankWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.factor import Factor, compress
 from narx_sklearn.identification.narx import NARXRegressor
@@ -175,7 +177,8 @@ sampling_period
         first = self._regressor(**structures[0])
         first._check_parameters()
         record = first._open(X, y, sessions, reset=True)
-        with single_threaded_blas():
+        with single_threaded_blas(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RankWarning)  # of trials; the model that is taken tells its own
             scores, counts = self._judge(record, structures, sizes)
         self._tabulate(structures, sizes, scores, counts)
         best = self._regressor(**self.best_params_)
