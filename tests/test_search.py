@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_machines import axis_problem, friction, levels
+from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import ODESimulator, confirm, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
@@ -124,6 +124,36 @@ class TestIdle:
         both = (self.load(0.2), friction(0.3))
         found = Candidate(fit(problem, start._replace(effects=both)), problem.n_seen)
         assert without_idle(problem, found) == []
+
+
+class TestUnseenPlace:
+    """A speed does not tell where the motion is: what asks for its place lets each window choose its own."""
+
+    def begun(self, effect, output=(1,)):
+        simulator = make_axis(output=output)
+        u = levels(np.random.default_rng(0), 600)
+        windows = cut([(slice(0, 600), 0)], 150, 20)
+        y = simulator.with_effects((effect,)).simulate(u)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.full(1, 0.01)))
+        x0 = np.zeros((windows.count, 2))
+        found = fit(problem, Model(simulator.nominal, (effect,), x0), iterations=0)
+        candidate = Candidate(found, problem.n_seen)
+        return candidate.n_parameters - candidate.felt.shape[1] - 2
+
+    def at(self, code, theta):
+        return PlacedEffect(
+            CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=theta, argument_name="position"
+        )
+
+    def test_a_spring_costs_a_value_a_window(self):
+        assert self.begun(self.at("cubic_stiffness", (2.0,))) == 4
+
+    def test_what_does_not_ask_for_it_and_a_place_that_is_measured_cost_nothing(self):
+        assert self.begun(friction(0.3)) == 0
+        assert self.begun(self.at("cubic_stiffness", (2.0,)), output=(0,)) == 0
+
+    def test_play_that_begins_anywhere_costs_nothing(self):
+        assert self.begun(self.at("backlash", (5.0, 0.3, 0.1, 0.0))) == 0
 
 
 class TestRateLimit:

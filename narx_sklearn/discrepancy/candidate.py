@@ -41,8 +41,8 @@ class Candidate:
 
     @property
     def n_parameters(self) -> int:
-        """Number of global parameters that the data can feel."""
-        return self.fit.model.p.size + self.felt.shape[1]
+        """Number of parameters that the data can feel, and initial states that they feel by effects alone."""
+        return self.fit.model.p.size + self.felt.shape[1] + self.fit.n_begun
 
     @cached_property
     def felt(self) -> np.ndarray:

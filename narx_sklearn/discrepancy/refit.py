@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.discrepancy.linearise import linearise
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.simulator import Run, Windows
@@ -14,6 +15,8 @@ NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 LUCK = 4.0  # noise variances that a window gains by chance, of several states that a coarse sensor rounds
 SILENT = 1e-9  # squared share of a response that the initial states do not explain: rounding, no response
+POINTS = 3  # of a run, at which equations are asked which states they notice
+NOTICED = 1e-6  # of the largest slope, beyond the rounding of difference quotients
 SHARES = (0.25, 0.0625, 0.0)  # of a step, that the states of windows take which a whole one makes worse
 
 
@@ -29,6 +32,7 @@ class Fit(NamedTuple):
     converged: bool
     iterations: int
     gained: float  # share of the cost that the last iteration took off
+    n_begun: int = 0  # initial states of windows that only effects feel
 
     @property
     def window_costs(self) -> np.ndarray:
@@ -166,7 +170,47 @@ def fit(
             steps, projector, J_full, J = tangents()
     order = now.model.rising
     model = now.model.with_q(now.model.q[order])
-    return Fit(model, now.cost, r, J[:, :, order], projector, steps[order], converged, done, gained)
+    n_begun = _felt_by_effects(problem, now, x_steps / SMALL)
+    return Fit(model, now.cost, r, J[:, :, order], projector, steps[order], converged, done, gained, n_begun)
+
+
+def _felt_by_effects(problem: Problem, now: Attempt, size: np.ndarray) -> int:
+    """Return how many initial states of windows are felt that the simulator does not feel without effects.
+
+    A measured speed does not tell where a motion is. An effect that asks for it lets every window choose its
+    own place, and so its own gain or load, as no single law does.
+    """
+    if not (now.model.effects and np.isfinite(now.cost)):
+        return 0
+    changes = [
+        _finite(problem.whiten(problem.run(now.model._replace(x0=now.model.x0 + move)).y - now.run.y))
+        for move in _unseen_moves(problem, now.run, size)
+    ]
+    if not changes:
+        return 0
+    return int(np.sum(np.linalg.svd(np.stack(changes, axis=2), compute_uv=False) > 1.0))
+
+
+def _unseen_moves(problem: Problem, run: Run, size: np.ndarray) -> np.ndarray:
+    """Return moves of the states, (n_moves, n_states), that neither the equations nor the outputs notice.
+
+    They are as large as the motion, and found at a few points of a run.
+    """
+    simulator = problem.simulator
+    free = np.flatnonzero(simulator.free_states)
+    rows = problem.rows[problem.inside]
+    rows = rows[np.isfinite(run.x[rows]).all(axis=1)]
+    noticed = []
+    for row in rows[np.linspace(0, rows.size - 1, POINTS).astype(int)]:
+        at = linearise(simulator, run.x[row], problem.u[row])
+        noticed.append(np.concatenate([at.A - np.eye(len(at.A)) * simulator.discrete, at.C])[:, free])
+    slopes = np.nan_to_num(np.concatenate(noticed)) * size[free]
+    largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
+    _, values, directions = np.linalg.svd(slopes / np.where(largest > 0, largest, 1.0), full_matrices=True)
+    n_noticed = int(np.sum(values > NOTICED * values.max(initial=0.0)))
+    moves = np.zeros((free.size - n_noticed, size.size))
+    moves[:, free] = directions[n_noticed:] * size[free]
+    return moves
 
 
 def _heard(full: np.ndarray, projected: np.ndarray) -> np.ndarray:
