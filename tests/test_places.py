@@ -7,6 +7,7 @@ import pytest
 from small_machines import levels, make_axis, make_circuit, make_drive, tank
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.as_narx import effect_regressors
 from narx_sklearn.discrepancy.hypotheses import placements
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Windows
@@ -39,6 +40,23 @@ class TestPlaces:
             for effect in (CATALOGUE["coulomb_friction"], rubbing):
                 placed = placements(effect, simulator, self.structure_of(simulator))
                 assert [p.odd for p in placed] == [odd]
+
+    def test_weight_is_met_on_an_angle_in_degrees_and_reads_it_in_radians(self):
+        def arm(x, u, p):
+            return x[1], p[0] * u[0] - p[1] * x[1]
+
+        made = {"dt": 0.02, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["motor [V]"]}
+        for unit, scale in (("rad", 1.0), ("deg", np.pi / 180), ("rev", 2 * np.pi), ("V", None)):
+            simulator = ODESimulator(arm, states=[f"arm [{unit}]", f"speed [{unit}/s]"], **made)
+            found = placements(CATALOGUE["gravity"], simulator, self.structure_of(simulator))
+            at_speed = [p for p in found if p.port == Port("state", 1) and p.through < 0]
+            assert [p.argument_unit for p in at_speed] == ([] if scale is None else ["rad"])
+            assert [p.weights for p in at_speed] == ([] if scale is None else [(scale, 0.0)])
+            heavy = simulator.with_effects([p.at((2.0, 0.5)) for p in at_speed])
+            rate = heavy.run(np.zeros((2, 1)), Windows.whole([slice(0, 2)]), np.array([[0.3, 0.0]])).x[1, 1]
+            if scale is not None:
+                assert rate == pytest.approx(-2.0 * np.sin(0.3 * scale + 0.5) * 0.02, rel=0.01)
+            assert len(effect_regressors(heavy)) == (scale == 1.0)  # a NARX model knows degrees only
 
     def test_what_slides_is_odd_in_a_circuit_where_a_diode_is_not(self):
         simulator = make_circuit()

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.model import NARXModel
@@ -57,7 +58,7 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
     found: dict[str, Phi] = {}
     one_input, one_output = len(simulator.inputs) == 1, len(simulator.outputs) == 1
     for placed in simulator.effects:
-        if placed.effect.phi is None:
+        if placed.effect.phi is None or not _reads_as_written(placed, simulator):
             continue
         kind, index = placed.port
         signal = ("u" if one_input else f"u{index + 1}") if kind == "input" else None
@@ -66,6 +67,12 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
         for phi in placed.effect.phi(np.array(placed.theta), signal, simulator.dt):
             found.setdefault(str(phi.name), phi)
     return tuple(found.values())
+
+
+def _reads_as_written(placed: PlacedEffect, simulator: Simulator) -> bool:
+    """Tell whether an effect reads its states in their own unit; not an angle in degrees in radians."""
+    states = np.flatnonzero(placed.weights) if placed.effect.argument_units else ()
+    return all(simulator.states[j].unit == placed.argument_unit for j in states)
 
 
 def least_delays(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> list[int]:

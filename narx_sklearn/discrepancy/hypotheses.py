@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.structure import Structure
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.discrepancy.units import scale_to, tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
@@ -112,9 +112,9 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
             if effect.met_on == "levels" and structure.partner[i] >= 0:
                 continue
             odd = _is_odd(effect, i, simulator, structure)
-            for argument in arguments(effect.argument, i, simulator, structure):
-                unit = argument.unit
-                if unit and effect.argument_units and unit not in effect.argument_units:
+            for found in arguments(effect.argument, i, simulator, structure):
+                argument = _in_unit_of(effect, found)
+                if argument is None:
                     continue
                 placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
                 places += [placed, *_beside_inputs(placed, simulator, structure)]
@@ -271,6 +271,17 @@ def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> 
             yield Argument(*_stretch(own, j, simulator))
         elif (ratio, i) < (1.0, back) or own not in _opposed(back, j, simulator, structure):
             yield Argument(*_stretch(own, j, simulator), back, ratio)
+
+
+def _in_unit_of(effect: Effect, argument: Argument) -> Argument | None:
+    """Return an argument in a unit that the effect asks for: degrees in radians. None for none."""
+    if not (argument.unit and effect.argument_units) or argument.unit in effect.argument_units:
+        return argument
+    for unit in effect.argument_units:
+        scale = scale_to(argument.unit, unit)
+        if scale is not None:
+            return argument._replace(weights=tuple(scale * weight for weight in argument.weights), unit=unit)
+    return None
 
 
 def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:

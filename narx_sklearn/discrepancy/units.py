@@ -147,6 +147,19 @@ def conversion(given: str, wanted: str) -> Conversion | None:
     return Conversion(1.0) if alike and ours == theirs else None
 
 
+def scale_to(given: str, wanted: str) -> float | None:
+    """Return how many of one unit another is; None where they do not measure the same.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.units import scale_to
+    >>> round(scale_to("deg", "rad"), 6), scale_to("cm", "m"), scale_to("-", "rad")
+    (0.017453, 0.01, None)
+    """
+    (a, dimension), (b, other) = _worth(given), _worth(wanted)
+    return a / b if dimension == other else None
+
+
 def _worth(unit: str) -> tuple[float, dict[str, int]]:
     """Return a unit in SI units and its dimension; what is not known is a dimension of its own."""
     scale, dimension = 1.0, dict[str, int]()
