@@ -34,7 +34,12 @@ class TestPlaces:
 
     def test_friction_of_a_level_is_odd_and_that_of_a_speed_is_not(self):
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
-        for state, odd in (("level [m]", True), ("speed [rad/s]", False), ("level", False)):
+        for state, odd in (
+            ("level [m]", True),
+            ("speed [rad/s]", False),
+            ("speed [rpm]", False),
+            ("level", False),
+        ):
             simulator = ODESimulator(tank, states=[state], **made)
             rubbing = replace(CATALOGUE["coulomb_friction"], code="rubbing")  # a user's own says so itself
             for effect in (CATALOGUE["coulomb_friction"], rubbing):

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.structure import Structure
-from narx_sklearn.discrepancy.units import scale_to, tidy_unit
+from narx_sklearn.discrepancy.units import is_per_time, scale_to, tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
@@ -157,18 +157,18 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
 
 def _is_speed(i: int, simulator: Simulator, structure: Structure) -> bool:
     """Tell whether a state is one that another one integrates, or is counted per second."""
-    return structure.partner[i] >= 0 or simulator.states[i].unit.endswith("/s")
+    return structure.partner[i] >= 0 or is_per_time(simulator.states[i].unit)
 
 
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
     """Tell whether an effect is of another kind of machine than a state equation.
 
-    Motion is a state that another one integrates, or one counted per second; without units all is possible.
+    Motion is a state that another one integrates, or one counted per time; without units all is possible.
     A spring needs a position, which a speed alone does not have.
     """
     unit, has_position = simulator.states[i].unit, structure.partner[i] >= 0
     moves = _is_speed(i, simulator, structure) or not unit
-    lacks_position = effect.argument == "position" and unit.endswith("/s") and not has_position
+    lacks_position = effect.argument == "position" and is_per_time(unit) and not has_position
     slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS
     return (
         effect.met_at is not None or slides or (effect.met_on in OF_MOTION and (lacks_position or not moves))

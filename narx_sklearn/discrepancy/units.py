@@ -92,6 +92,8 @@ WHOLE: dict[str, tuple[float, dict[str, int]]] = {  # units that take no prefix
     "°": (math.pi / 180, {"rad": 1}),
     "rev": (2 * math.pi, {"rad": 1}),
     "rpm": (2 * math.pi / 60, {"rad": 1, "s": -1}),
+    "mph": (0.44704, {"m": 1, "s": -1}),
+    "kn": (1852 / 3600, {"m": 1, "s": -1}),
     "%": (0.01, {}),
     "degC": (1.0, {"K": 1}),
     "°C": (1.0, {"K": 1}),
@@ -158,6 +160,18 @@ def scale_to(given: str, wanted: str) -> float | None:
     """
     (a, dimension), (b, other) = _worth(given), _worth(wanted)
     return a / b if dimension == other else None
+
+
+def is_per_time(unit: str) -> bool:
+    """Tell whether a unit counts something per time.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.units import is_per_time
+    >>> [is_per_time(unit) for unit in ("m/s", "km/h", "rpm", "turns/s", "m", "m/s^2", "N")]
+    [True, True, True, True, False, False, False]
+    """
+    return _worth(unit)[1].get("s") == -1
 
 
 def _worth(unit: str) -> tuple[float, dict[str, int]]:
