@@ -46,6 +46,14 @@ class TestPlaces:
                 placed = placements(effect, simulator, self.structure_of(simulator))
                 assert [p.odd for p in placed] == [odd]
 
+    def test_what_a_level_loses_is_not_tried_on_a_speed(self):
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        for state, tried in (("level [m]", True), ("speed [rpm]", False), ("speed [m/s]", False), ("", True)):
+            simulator = ODESimulator(tank, states=[state or "value"], **made)
+            for code in ("root_outflow", "overflow"):
+                found = placements(CATALOGUE[code], simulator, self.structure_of(simulator))
+                assert bool(found) == tried
+
     def test_weight_is_met_on_an_angle_in_degrees_and_reads_it_in_radians(self):
         def arm(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1]

@@ -109,7 +109,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
             places.append(placed_at(effect, Port("output", i), Argument((), *signal)))
     if "state" in effect.ports:
         for i in np.flatnonzero(~structure.kinematic).tolist():
-            if effect.met_on == "levels" and structure.partner[i] >= 0:
+            if effect.met_on == "levels" and _is_speed(i, simulator, structure):
                 continue
             odd = _is_odd(effect, i, simulator, structure)
             for found in arguments(effect.argument, i, simulator, structure):
