@@ -1,13 +1,18 @@
 """Simulations whose own steps are too long: told with the way out, and their error sold as no physics."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import substeps
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.substeps import coarse_steps, too_coarse
+from narx_sklearn.discrepancy.substeps import coarse_steps, mind_steps, too_coarse
 from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.1
 
@@ -68,6 +73,31 @@ def test_a_run_that_only_finer_steps_keep_finite_is_told_so():
     assert "Pass substeps=4" in told.sentence
     hopeless = problem_of(make(6000.0, 1.0, 1), u, y)
     assert too_coarse(hopeless, at_measured(hopeless)) is None
+
+
+@pytest.mark.parametrize("pace", [5.0, 24.0])
+def test_steps_too_long_for_a_refit_alone_are_not_told_of_what_was_found(pace, monkeypatch):
+    """A refit without the load that is missing went to a faster valve; beside the load it is not."""
+    monkeypatch.setattr(substeps, "explained_by_finer", lambda *_: 0.1)
+    u, _ = recorded(pace)
+    load = PlacedEffect(
+        CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(20.0,), argument_name="level"
+    )
+    y = make(pace, 1.0, 20).with_effects([load]).simulate(u)
+    problem = problem_of(make(pace, 1.0, 1), u, y)
+    problem = problem.with_noise(Noise.white(np.array([0.003, 0.003])))
+    right = at_measured(problem)._replace(effects=(load,))
+    astray = at_measured(problem)._replace(p=np.array([24.0, 1.0]))
+    diagnosis = SimpleNamespace(
+        problem=problem,
+        verdict="explained",
+        refitted=SimpleNamespace(model=astray),
+        best=SimpleNamespace(fit=SimpleNamespace(model=right), effects=right.effects),
+    )
+    found, told = mind_steps(diagnosis)
+    assert found is diagnosis
+    assert too_coarse(problem, astray)
+    assert [finding.code for finding in told] == ["coarse_steps"] * (pace > 10)
 
 
 @pytest.mark.long

@@ -28,17 +28,20 @@ class Coarse(NamedTuple):
 
 
 def mind_steps(diagnosis: Diagnosis, n_jobs: int | None = None) -> tuple[Diagnosis, list[DataFinding]]:
-    """Return a diagnosis that names no physics for the error of its simulation's steps, and what tells it."""
+    """Return a diagnosis that names no physics for the error of its simulation's steps, and what tells it.
+
+    Without what is missing a refit may go where the steps are too long for it. Unless finer ones explain what
+    effects do, that is no matter of the corrected simulation.
+    """
     problem, refitted, best = diagnosis.problem, diagnosis.refitted.model, diagnosis.best.fit.model
     before = too_coarse(problem, refitted)
     after = too_coarse(problem, best) if diagnosis.best.effects else before
-    worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share, default=None)
-    told = [] if worse is None else [coarse_steps(problem.simulator, worse)]
-    if before is None or diagnosis.verdict in NOTHING_MISSING:
-        return diagnosis, told
-    if not explained_by_finer(problem, refitted, best, n_jobs) > EXPLAINING:
-        return diagnosis, told
-    return replace(diagnosis, verdict="unknown", steps_miss=True), told
+    is_named = diagnosis.verdict not in NOTHING_MISSING
+    if before and is_named and explained_by_finer(problem, refitted, best, n_jobs) > EXPLAINING:
+        worse = max((c for c in (before, after) if c is not None), key=lambda c: c.share)
+        told = replace(diagnosis, verdict="unknown", steps_miss=True)
+        return told, [coarse_steps(problem.simulator, worse)]
+    return diagnosis, [] if after is None else [coarse_steps(problem.simulator, after)]
 
 
 def too_coarse(problem: Problem, model: Model) -> Coarse | None:
