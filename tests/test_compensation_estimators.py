@@ -409,3 +409,21 @@ def test_plants_of_every_kind_can_be_run():
 def test_what_cannot_be_is_said(fit, error, message):
     with pytest.raises(error, match=message):
         fit()
+
+
+def test_a_law_that_runs_away_on_a_slower_reference_is_not_taken():
+    """Of slip elements behind a lag the best isolable model gives the recorded input back."""
+    rng = np.random.default_rng(10)
+    window = np.hanning(61) / np.hanning(61).sum()
+    u = np.convolve(rng.normal(size=3120), window, "valid")[:3000]
+    u *= 1.5 / np.abs(u).max()
+    stiffness, slip = np.array([0.3, 0.2, 0.15, 0.1, 0.05]), np.array([0.05, 0.12, 0.25, 0.5, 1.0])
+    z, y, now = np.zeros(5), np.zeros(u.size), 0.0
+    for k, move in enumerate(np.diff(u, prepend=u[0])):
+        z = np.clip(z + stiffness * move, -slip * stiffness, slip * stiffness)
+        y[k] = now = now + 0.5 * (0.6 * u[k] + z.sum() - now)
+    y += 0.002 * y.std() * np.random.default_rng(0).normal(size=y.size)
+    compensator = IsolatedCompensator().fit(u[:, None], y)
+    slower = np.interp(np.arange(0, 2999, 0.5), np.arange(3000), y)
+    counts = compensator.compensate(slower, u[0]).counts
+    assert counts.at_limit < 0.1 * counts.samples

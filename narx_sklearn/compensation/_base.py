@@ -1,6 +1,7 @@
 """What all compensators share: identify or take a model, derive the law, run it, explain it."""
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from numbers import Real
 from typing import Any
@@ -34,6 +35,7 @@ AT_REST = 0.01  # of the mean step: a record whose input begins with less begins
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
 GIVEN_BACK = 0.2  # of the input's deviation: a law that returns an input worse than this has lost it
+MOST_CUT = 0.1  # of the samples of a slower reference, at which a law that serves may be cut at its limits
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
 
@@ -127,7 +129,8 @@ class Compensator(BaseEstimator):
             bounded = replace(law, limits=self._range_of(applied), **self._choices())
             reference = np.column_stack([simulated, others])
             lost = input_error(bounded, reference, applied, sessions) if np.isfinite(criterion) else np.inf
-            return (False, criterion) if lost <= GIVEN_BACK else (True, lost)
+            serves = lost <= GIVEN_BACK and share_cut(bounded, reference, applied, sessions) <= MOST_CUT
+            return (False, criterion) if serves else (True, lost)
 
         return judge
 
@@ -403,13 +406,32 @@ def free_run_criterion(model: NARXModel, u, y, sessions, alike=0.0) -> tuple[flo
 def input_error(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float:
     """Return how far the input of a law lies from the one that was applied, over the latter's deviation."""
     errors = []
+    for piece, known in _known_pieces(reference, u, sessions):
+        m = law.run(reference[piece], m=u[piece.start]).m
+        errors.append((m - u[piece])[known])
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / (np.nanstd(u) or 1.0))
+
+
+def share_cut(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float:
+    """Return the share of samples at which a law is cut at its limits on a reference at half its speed.
+
+    The machine has gone as far within these limits, and faster, so a law that is cut has run away.
+    """
+    counts = []
+    for piece, _ in _known_pieces(reference, u, sessions):
+        now = reference[piece]
+        slower = np.stack([now[:-1], 0.5 * (now[:-1] + now[1:])], axis=1).reshape(-1, now.shape[1])
+        counts.append(law.run(slower, m=u[piece.start]).counts)
+    return sum(c.at_limit for c in counts) / max(sum(c.samples for c in counts), 1)
+
+
+def _known_pieces(reference, u: np.ndarray, sessions) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield each session from where the reference and the input are known, and at which samples they are."""
     for piece in session_slices(sessions, u.size):
         known = np.isfinite(reference[piece]).all(axis=1) & np.isfinite(u[piece])
         if known.any():
-            begin = piece.start + int(np.argmax(known))
-            m = law.run(reference[begin : piece.stop], m=u[begin]).m
-            errors.append((m - u[begin : piece.stop])[known[begin - piece.start :]])
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / (np.nanstd(u) or 1.0))
+            begin = int(np.argmax(known))
+            yield slice(piece.start + begin, piece.stop), known[begin:]
 
 
 def unnamed(X, y):
