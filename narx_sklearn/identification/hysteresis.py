@@ -1,13 +1,13 @@
 """Models that can rest at more than one output: their candidate terms, and Lemma 4.1 on their parameters."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.structure import STRUCTURES, Keep
+from narx_sklearn.identification.structure import STRUCTURES, Keep, Structure
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.phi import (
     AbsoluteDifference,
@@ -90,11 +90,6 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     callable
         Takes a `Term`, returns whether it may be a candidate.
 
-    Raises
-    ------
-    ValueError
-        If no phi regressor moves with the input, so that only the linear outputs would be left.
-
     Notes
     -----
     A term is kept when it has the output at most to the first power (i), no sign-like phi to a higher power
@@ -119,9 +114,8 @@ def hysteresis_structure(outputs: Sequence[str], inputs: Sequence[str], phi: Seq
     (35, 19)
     """
     output_names = set(outputs)
-    moving = {str(p.name) for p in phi if p.has_memory or vanishes_at_rest(p)}
+    moving = {str(p.name) for p in phi if _moves(p)}
     signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
-    _check_moves("hysteresis", moving, inputs)
 
     def keep(term: Term) -> bool:
         exponents = dict(term.cluster)
@@ -156,11 +150,6 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
     callable
         Takes a `Term`, returns whether it may be a candidate.
 
-    Raises
-    ------
-    ValueError
-        If no phi regressor moves with the input, so that only the linear outputs would be left.
-
     Notes
     -----
     All terms but the linear outputs vanish at rest, so Lemma 4.1 holds as it does with Assumption 4.1. The
@@ -180,9 +169,8 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
     y[k-1], phi1[k], y[k-1]*phi1[k], u[k]*phi1[k], phi1[k]*phi2[k]
     """
     output_names = set(outputs)
-    rates = {str(p.name) for p in phi if isinstance(p, Difference | AbsoluteDifference)}
+    rates = {str(p.name) for p in phi if _is_rate(p)}
     signs = {str(p.name) for p in phi if isinstance(p, SIGN_LIKE)}
-    _check_moves("rate_independent", rates, inputs)
 
     def keep(term: Term) -> bool:
         exponents = dict(term.cluster)
@@ -193,18 +181,32 @@ def rate_independent_structure(outputs: Sequence[str], inputs: Sequence[str], ph
     return keep
 
 
-def _check_moves(structure: str, moving: set[str], inputs: Sequence[str]) -> None:
-    """Refuse a structure that leaves nothing but the linear outputs, a model without an input."""
-    if not moving:
-        name = inputs[0] if inputs else "u"
-        raise ValueError(
-            f"structure={structure!r} keeps no term but the linear outputs, because no phi regressor moves "
-            f"with an input. Pass phi=[Difference({name!r}), DifferenceSign({name!r})] of narx_sklearn.model."
-        )
+def _moves(phi: Phi) -> bool:
+    return phi.has_memory or vanishes_at_rest(phi)
 
 
-STRUCTURES["hysteresis"] = hysteresis_structure
-STRUCTURES["rate_independent"] = rate_independent_structure
+def _is_rate(phi: Phi) -> bool:
+    return isinstance(phi, Difference | AbsoluteDifference)
+
+
+def _asked_for(structure: str, build: Structure, carries: Callable[[Phi], bool]) -> Structure:
+    """Return a structure as an estimator asks for it: refused where it would leave the outputs alone."""
+
+    def built(outputs: Sequence[str], inputs: Sequence[str], phi: Sequence[Phi]) -> Keep:
+        if not any(map(carries, phi)):
+            name = inputs[0] if inputs else "u"
+            raise ValueError(
+                f"structure={structure!r} keeps no term but the linear outputs, because no phi regressor "
+                f"moves with an input. Pass phi=[Difference({name!r}), DifferenceSign({name!r})] of "
+                "narx_sklearn.model."
+            )
+        return build(outputs, inputs, phi)
+
+    return built
+
+
+STRUCTURES["hysteresis"] = _asked_for("hysteresis", hysteresis_structure, _moves)
+STRUCTURES["rate_independent"] = _asked_for("rate_independent", rate_independent_structure, _is_rate)
 
 
 def expand_continuum(

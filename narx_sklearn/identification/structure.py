@@ -15,8 +15,10 @@ MOST_CANDIDATES = 1_000_000  # terms of a library: beyond, its terms alone take 
 
 Keep = Callable[[Term], bool]
 
+Structure = Callable[[Sequence[str], Sequence[str], Sequence[Phi]], Keep]
+
 #: Named structures: each is called with outputs, inputs and phi regressors and returns a filter of terms.
-STRUCTURES: dict[str, Callable[[Sequence[str], Sequence[str], Sequence[Phi]], Keep]] = {}
+STRUCTURES: dict[str, Structure] = {}
 
 _CLUSTER_FACTOR = re.compile(r"\s*([^\W\d]\w*)\s*(?:(?:\^|\*\*)\s*(\d+))?\s*")
 
