@@ -91,6 +91,45 @@ class TestPlaces:
         placed = placements(spring, simulator, self.structure_of(simulator))
         assert [p.odd for p in placed if p.port == Port("state", 1)] == [False]
 
+    def test_a_spring_between_two_bodies_acts_on_both_where_a_twist_is_all_that_is_known(self):
+        def train(x, u, p):
+            shaft = p[0] * x[0] + 1.2 * (x[1] - x[2])
+            return x[1] - x[2], (u[0] - shaft) / 5.0, shaft / p[1]
+
+        simulator = ODESimulator(
+            train,
+            dt=0.02,
+            parameters={"shaft [N m/rad]": 8.0, "load [kg m^2]": 2.0},
+            states=["twist [rad]", "motor [rad/s]", "load [rad/s]"],
+            inputs=["torque [N m]"],
+        )
+        structure = self.structure_of(simulator)
+        assert structure.kinematic.tolist() == [
+            True,
+            False,
+            False,
+        ]  # it is a definition: no place for physics
+        assert structure.twists == [(0, 1, 2)]
+        placed = placements(CATALOGUE["clearance"], simulator, structure)
+        (between,) = (p for p in placed if not p.odd)
+        assert (between.port, between.argument_name, between.onward) == (Port("state", 1), "twist", 2)
+        assert between.share == pytest.approx(2.5)  # the load feels what the motor feels, over its inertia
+
+    def test_a_difference_with_a_parameter_or_a_leak_of_its_own_is_no_twist(self):
+        def make(rhs):
+            return ODESimulator(
+                rhs, dt=0.02, parameters={"p": 2.0}, states=["a", "b", "c"], inputs=["u"], output=(0,)
+            )
+
+        for rhs in (
+            lambda x, u, p: (p[0] * x[1] - x[2], u[0] - x[0] - x[1], x[0] - x[2]),
+            lambda x, u, p: (x[1] - x[2] - 0.1 * x[0], u[0] - x[0] - x[1], x[0] - x[2]),
+            lambda x, u, p: (x[1] + x[2], u[0] - x[0] - x[1], -x[0] - x[2]),
+        ):
+            structure = self.structure_of(make(rhs))
+            assert not structure.kinematic[0]
+            assert structure.twists == []
+
     def test_a_drive_may_pull_at_another_axis_and_gains_may_follow_each_other(self):
         def table_of_two(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1], x[3], p[2] * u[1] - p[3] * x[3]

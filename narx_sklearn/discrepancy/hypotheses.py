@@ -116,7 +116,8 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 argument = _in_unit_of(effect, found)
                 if argument is None:
                     continue
-                placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
+                own_place = argument.is_twist and not _is_odd(effect, i, simulator, structure, True)
+                placed = replace(placed_at(effect, Port("state", i), argument), odd=odd and not own_place)
                 places += [placed, *_beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
@@ -160,13 +161,15 @@ def _is_speed(i: int, simulator: Simulator, structure: Structure) -> bool:
     return structure.partner[i] >= 0 or is_per_time(simulator.states[i].unit)
 
 
-def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure) -> bool:
+def _is_odd(
+    effect: Effect, i: int, simulator: Simulator, structure: Structure, has_position: bool = False
+) -> bool:
     """Tell whether an effect is of another kind of machine than a state equation.
 
     Motion is a state that another one integrates, or one counted per time; without units all is possible.
     A spring needs a position, which a speed alone does not have.
     """
-    unit, has_position = simulator.states[i].unit, structure.partner[i] >= 0
+    unit, has_position = simulator.states[i].unit, has_position or structure.partner[i] >= 0
     moves = _is_speed(i, simulator, structure) or not unit
     lacks_position = effect.argument == "position" and is_per_time(unit) and not has_position
     slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS
@@ -246,6 +249,7 @@ class Argument(NamedTuple):
     unit: str
     pushed_back: int = -1  # the equation of a neighbour that the force acts against, if it lies between two
     ratio: float = 0.0  # in which the simulator's own coupling pushes that one back
+    is_twist: bool = False  # a state of its own says how far the two have parted
 
 
 def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
@@ -271,6 +275,18 @@ def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> 
             yield Argument(*_stretch(own, j, simulator))
         elif (ratio, i) < (1.0, back) or own not in _opposed(back, j, simulator, structure):
             yield Argument(*_stretch(own, j, simulator), back, ratio)
+    if kind == "position":
+        yield from _twisted(i, simulator, structure)
+
+
+def _twisted(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
+    """Yield the states that say how far a body is ahead of a neighbour, which their force pushes back."""
+    for twist, ahead, other in structure.twists:
+        if i == ahead and structure.states[i, twist]:
+            about = weights_of(len(simulator.states), {twist: 1.0}), *simulator.states[twist]
+            ratio = -structure.slope[other, twist] / structure.slope[i, twist]
+            pushed_back = (other, float(ratio)) if ratio > 0 else (-1, 0.0)
+            yield Argument(*about, *pushed_back, is_twist=True)
 
 
 def _in_unit_of(effect: Effect, argument: Argument) -> Argument | None:
@@ -286,7 +302,7 @@ def _in_unit_of(effect: Effect, argument: Argument) -> Argument | None:
 
 def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
     """Return an effect at a port, pushing back where it lies between two neighbours."""
-    weights, name, unit, back, ratio = argument
+    weights, name, unit, back, ratio, _ = argument
     at = PlacedEffect(effect, port, weights, argument_name=name, argument_unit=unit)
     return at if back < 0 else replace(at, onward=back, share=ratio)
 

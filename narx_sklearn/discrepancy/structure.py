@@ -24,6 +24,17 @@ class Structure(NamedTuple):
     gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
 
     @property
+    def twists(self) -> list[tuple[int, int, int]]:
+        """Kinematic states that count how far two others have parted: (state, the one ahead, the other)."""
+        found = []
+        for i in np.flatnonzero(self.kinematic).tolist():
+            sources = np.flatnonzero(self.states[i]).tolist()
+            if len(sources) == 2:
+                ahead, other = sorted(sources, key=lambda j: -self.slope[i, j])
+                found.append((i, ahead, other))
+        return found
+
+    @property
     def channels(self) -> np.ndarray:
         """Inputs that no equation uses: measured channels that may still matter."""
         return np.flatnonzero(~self.inputs.any(axis=0))
@@ -64,17 +75,20 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     driven = (np.abs(Ju) * u_size).max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
     tuned = np.abs(Jp).max(axis=(0, 2), initial=0.0) > 0
     spread = np.ptp(Jx, axis=0) <= ALIKE * np.abs(Jx).max(axis=0, initial=0.0)
+    slopes = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
     kinematic = np.zeros(n, dtype=bool)
     partner = [-1] * n
     for i in range(n):
         sources = np.flatnonzero(depends[i])
-        alone = sources.size == 1 and not driven[i].any()
-        if alone and sources[0] != i and spread[i, sources[0]]:
+        if driven[i].any() or i in sources or not spread[i, sources].all():
+            continue
+        if sources.size == 1:
             kinematic[i] = not tuned[i]
             if not simulator.discrete and partner[sources[0]] < 0:
                 partner[int(sources[0])] = i
+        elif sources.size == 2 and not simulator.discrete:  # how far two bodies have parted
+            kinematic[i] = not tuned[i] and np.prod(slopes[i, sources]) < 0
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
-    slope = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
     gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
-    return Structure(tuple(partner), kinematic, depends, slope, driven, gain)
+    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain)
