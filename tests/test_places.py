@@ -115,6 +115,17 @@ class TestPlaces:
         assert (between.port, between.argument_name, between.onward) == (Port("state", 1), "twist", 2)
         assert between.share == pytest.approx(2.5)  # the load feels what the motor feels, over its inertia
 
+    @pytest.mark.parametrize(("units", "is_twist"), [("m m/s m/s", True), ("m m^3/s m^3/s", False)])
+    def test_a_level_between_two_flows_is_no_twist(self, units, is_twist):
+        """Of a level something may be lost, where the equations are those of two bodies on a spring."""
+        names = [f"{name} [{unit}]" for name, unit in zip("abc", units.split(), strict=True)]
+
+        def rhs(x, u, p):
+            return x[1] - x[2], u[0] - p[0] * x[0] - x[1], p[0] * x[0] - x[2]
+
+        simulator = ODESimulator(rhs, dt=0.02, parameters={"p": 2.0}, states=names, inputs=["u"])
+        assert self.structure_of(simulator).kinematic[0] == is_twist
+
     def test_a_difference_with_a_parameter_or_a_leak_of_its_own_is_no_twist(self):
         def make(rhs):
             return ODESimulator(
@@ -125,6 +136,7 @@ class TestPlaces:
             lambda x, u, p: (p[0] * x[1] - x[2], u[0] - x[0] - x[1], x[0] - x[2]),
             lambda x, u, p: (x[1] - x[2] - 0.1 * x[0], u[0] - x[0] - x[1], x[0] - x[2]),
             lambda x, u, p: (x[1] + x[2], u[0] - x[0] - x[1], -x[0] - x[2]),
+            lambda x, u, p: (x[1] - x[2], u[0] - x[1], x[0] - x[2]),
         ):
             structure = self.structure_of(make(rhs))
             assert not structure.kinematic[0]

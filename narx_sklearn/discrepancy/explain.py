@@ -353,7 +353,8 @@ def _is_as_good_at_no_size(problem: Problem, candidate: Candidate, index: int) -
     free = np.ones(q.size, dtype=bool)
     free[model.theirs[index]] = False
     nothing = fit(problem, model.with_q(q), free=free, iterations=FINE)
-    return candidate.n_samples * np.log(nothing.cost / candidate.fit.cost) <= np.log(candidate.n_samples)
+    more = np.log(max(nothing.cost, 1e-300) / max(candidate.fit.cost, 1e-300))
+    return bool(candidate.n_samples * more <= np.log(candidate.n_samples))
 
 
 def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] = ()) -> tuple[int, ...]:

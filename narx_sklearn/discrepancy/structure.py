@@ -1,12 +1,14 @@
 """What the simulator's equations say about themselves: kinematics, who drives whom, which inputs are used."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from narx_sklearn.discrepancy.linearise import central_differences, evaluate
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulator import Signal, Simulator
+from narx_sklearn.discrepancy.units import scale_to
 
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
@@ -86,9 +88,22 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
             kinematic[i] = not tuned[i]
             if not simulator.discrete and partner[sources[0]] < 0:
                 partner[int(sources[0])] = i
-        elif sources.size == 2 and not simulator.discrete:  # how far two bodies have parted
-            kinematic[i] = not tuned[i] and np.prod(slopes[i, sources]) < 0
+        elif sources.size == 2 and not simulator.discrete:
+            kinematic[i] = not tuned[i] and _is_twist(i, sources, slopes, simulator.states)
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
     gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
     return Structure(tuple(partner), kinematic, depends, slopes, driven, gain)
+
+
+def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[Signal]) -> bool:
+    """Tell whether a state counts how far two bodies have parted, whose speeds it holds back and drives.
+
+    What flows into a store and out of it does not: of a level something may be lost.
+    """
+    unit = states[i].unit
+    are_speeds = all(
+        not unit or not states[j].unit or scale_to(f"{unit}/s", states[j].unit) is not None for j in sources
+    )
+    apart, held = slopes[i, sources], slopes[sources, i]
+    return bool(are_speeds and np.prod(apart) < 0 and np.all(apart * held < 0))
