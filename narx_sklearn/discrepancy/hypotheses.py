@@ -111,13 +111,12 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for i in np.flatnonzero(~structure.kinematic).tolist():
             if effect.met_on == "levels" and _is_speed(i, simulator, structure):
                 continue
-            odd = _is_odd(effect, i, simulator, structure)
             for found in arguments(effect.argument, i, simulator, structure):
                 argument = _in_unit_of(effect, found)
                 if argument is None:
                     continue
-                own_place = argument.is_twist and not _is_odd(effect, i, simulator, structure, True)
-                placed = replace(placed_at(effect, Port("state", i), argument), odd=odd and not own_place)
+                odd = _is_odd(effect, i, simulator, structure, argument.is_twist)
+                placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
                 places += [placed, *_beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
@@ -139,8 +138,8 @@ def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Struct
         return
     if not _is_speed(i, simulator, structure):
         return
-    if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1:
-        return
+    if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1 or placed.onward >= 0:
+        return  # what acts between two bodies has its place
     for j in np.flatnonzero(structure.gain[i] > 0).tolist():
         if np.count_nonzero(structure.inputs[:, j] & ~structure.kinematic) > 1:
             yield replace(placed, through=j)
