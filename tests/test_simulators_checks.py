@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
 from narx_sklearn.discrepancy.checks import (
     DataFinding,
-    _named_ratio,
+    _alike_ratios,
     _named_zero,
     still_standing,
     to_be_mended,
@@ -130,11 +130,13 @@ def test_the_input_that_is_shifted_or_reversed_is_named():
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(1e3, "m and mm"), (1e-3, "m and mm"), (180 / np.pi, "radians and degrees")]
+    ("factor", "unit", "words"),
+    [(1e3, "m", "m and mm"), (1e-3, "m", "m and mm"), (180 / np.pi, "rad", "radians and degrees")],
 )
-def test_other_units_are_found_and_named(factor, words):
+def test_other_units_are_found_and_named(factor, unit, words):
     u, y = record(scale=(1.1, 0.9, 1.05))
-    (found,) = check_record(nominal(), u, factor * y)
+    names = {**NAMES, "states": [f"q [{unit}]", f"v [{unit}/s]"]}
+    (found,) = check_record(ODESimulator(stage, dt=0.05, parameters=PARAMETERS, **names), u, factor * y)
     assert found.code == "units"
     assert 0.6 < found.evidence["slope"] / factor < 1.6
     assert words in found.sentence
@@ -215,7 +217,7 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     simulator = nominal()
     run = simulator.simulate(u)
     offset = 0.5 * y.std()  # of which a quarter of the variance is left
-    problem = Problem(simulator, u, run + offset, windows, Noise.white(np.ones(1)))
+    problem = Problem(simulator, u, run + offset, windows, Noise.white(np.array([1e-3 * offset])))
     x = simulator.run(u, Windows.whole([slice(0, N)]), np.zeros((1, 2))).x
     near = Model(simulator.nominal, (), x[windows.first])
     share = float((offset / problem.y.std()) ** 2)
@@ -232,6 +234,13 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     assert still_standing(found, problem, lost, near) == found
     more = [replace(units, evidence={"after": 2.02 * share}), clipped]
     assert still_standing(more, problem, lost, near) == [clipped]
+    # of what lies beyond the noise, which nothing explains
+    noisy = problem.with_noise(Noise.white(np.array([0.9 * offset])))
+    hardly = [replace(units, evidence={"after": 1.15 * share}), clipped]
+    assert still_standing(hardly, problem, lost, near) == hardly
+    assert still_standing(hardly, noisy, lost, near) == hardly  # 0.19 of 0.34
+    hardly = [replace(units, evidence={"after": 1.25 * share}), clipped]
+    assert still_standing(hardly, noisy, lost, near) == [clipped]  # 0.19 of 0.44
     # and neither with parameters that nobody would expect
     assert still_standing(more, problem, lost, lost) == more
 
@@ -241,11 +250,13 @@ def test_only_what_the_values_show_must_be_mended_before_physics_is_named():
     late = DataFinding("delayed", "", {"after": 0.1})
     label = DataFinding("units", "", {"label": "f [Newton]", "unit": "N"})
     offset = DataFinding("units", "", {"slope": 1.0, "after": 0.1})
-    inches = DataFinding("units", "", {"slope": 39.37, "after": 0.1})
+    feet = DataFinding("units", "", {"slope": 0.3, "alike": ["between metres and feet (3.281)"]})
+    amplified = DataFinding("units", "", {"slope": 50.0, "alike": []})
+    braked = DataFinding("units", "", {"slope": 0.4, "alike": []})  # as a drag that is missing may do
     bias = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
-    found = [swapped, late, label, offset, inches]
-    assert to_be_mended(found, []) == [swapped, offset, inches]
-    assert to_be_mended(found, [bias]) == [swapped, inches]
+    found = [swapped, late, label, offset, feet, amplified, braked]
+    assert to_be_mended(found, []) == [swapped, offset, feet, amplified]
+    assert to_be_mended(found, [bias]) == [swapped, feet, amplified]
 
 
 def hardening(x, u, p):
@@ -299,11 +310,17 @@ def test_a_mistake_is_told_beside_missing_physics_and_not_sold_as_physics(kind, 
     ],
 )
 def test_a_factor_is_named_by_what_the_signal_is_measured_in(slope, unit, words):
-    assert _named_ratio(slope, [unit, "V"]).removeprefix(", as ").startswith(words)
+    assert _alike_ratios(slope, [unit, "V"])[0].startswith(words)
 
 
 def test_a_factor_that_is_no_change_of_units_has_no_name():
-    assert _named_ratio(300.0, ["m"]) == ""
+    assert _alike_ratios(300.0, ["m"]) == []
+
+
+def test_a_change_of_units_is_none_of_another_kind_than_the_signals():
+    assert "feet" in _alike_ratios(1 / 3.1, ["m/s", "V"])[0]
+    assert _alike_ratios(1 / 3.1, ["rpm", "N m"]) == []
+    assert "feet" in _alike_ratios(1 / 3.1, ["", "N m"])[0]  # the unit of a column may be anything
 
 
 @pytest.mark.parametrize(

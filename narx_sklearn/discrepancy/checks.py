@@ -23,7 +23,7 @@ from narx_sklearn.discrepancy.mistakes import (
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.units import conversion
+from narx_sklearn.discrepancy.units import alike_but_for_time
 from narx_sklearn.discrepancy.windows import find_pace
 
 TIME_CONSTANTS = 4.0  # a window's length; a session should hold one
@@ -33,7 +33,7 @@ HELD_RUN = 10  # equal rows in a row that count as rest and not as duplicated sa
 SUSPICIOUS_SHARE = 0.005  # of the samples
 SUSPICIOUS_COUNT = 5
 DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
-FAR_LESS = 0.5  # of what undoing a mistake leaves: what an effect leaves that speaks against the mistake
+FAR_LESS = 0.5  # of what undoing a mistake leaves beyond noise: what an effect leaves that speaks against it
 MENDED_FIRST = ("time_scale", "swapped", "sign", "units")  # physics beside them is theirs
 # what a factor may be, and the units of one kind that it lies between
 KNOWN_RATIOS = (
@@ -53,6 +53,7 @@ KNOWN_RATIOS = (
     (14.50377, "between bar and psi (14.5)", "Pa"),
 )
 NEAR_RATIO = 1.33  # a gain is known to a third only
+BY_PHYSICS = (0.1, 10.0)  # factors that missing physics may have, where no change of units has them
 NAMED = 2  # of the changes of units that a factor looks like
 FAHRENHEIT = 1.8
 ZEROS = (  # slope, offset, what lies between; offsets are known to a tenth
@@ -170,9 +171,10 @@ def still_standing(
 
     Where small errors of the parameters grow, as on a pole that a loop holds up, the quick refit of the check
     goes anywhere, and whatever makes the simulation move less agrees better. And what arrives smoothed
-    arrives late, too: an effect that leaves far less says what it is. But a fit with a gain a thousand times
-    the nominal is no better than another unit, nor one with every rate doubled than another sampling period:
-    what leaves less must do so with parameters that are as near as undoing a mistake needs them.
+    arrives late, too: an effect that leaves far less, beyond the noise that nothing explains, says what it
+    is. But a fit with a gain a thousand times the nominal is no better than another unit, nor one with every
+    rate doubled than another sampling period: what leaves less must do so with parameters that are as near as
+    undoing a mistake needs them.
 
     Parameters
     ----------
@@ -186,14 +188,18 @@ def still_standing(
     if not any("after" in finding.evidence for finding in findings):
         return list(findings)  # none was undone on trial
     spread = np.nanstd(problem.y, axis=0)
+    spread = np.where(spread > 0, spread, 1.0)
 
     def missed(model: Model) -> float:
         if not _within_box(problem.simulator, model.p):
             return np.inf
-        left = (problem.y - problem.run(model).y) / np.where(spread > 0, spread, 1.0)
+        left = (problem.y - problem.run(model).y) / spread
         return float(np.mean(left[problem.rows][problem.seen] ** 2))
 
-    least = min(missed(refitted), missed(best) / FAR_LESS)
+    of_refit, of_best = missed(refitted), missed(best)
+    innovations = np.where(problem.seen, (problem.noise.sigma / spread) ** 2, 0.0)
+    noise = min(float(innovations.sum() / max(problem.seen.sum(), 1)), of_best)
+    least = min(of_refit, noise + (of_best - noise) / FAR_LESS) if np.isfinite(of_best) else of_refit
     return [finding for finding in findings if not least < finding.evidence.get("after", -np.inf)]
 
 
@@ -206,8 +212,9 @@ def _within_box(simulator: Simulator, p: np.ndarray) -> bool:
 def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect]) -> list[DataFinding]:
     """Return the mistakes of a record that must be mended before effects named beside them mean anything.
 
-    What comes late may do so in the machine, an offset that was named as one is told as what it is, and a
-    unit that only a label states may be the same in other letters.
+    What comes late may do so in the machine, an offset that was named as one is told as what it is, a unit
+    that only a label states may be the same in other letters, and what is a few times larger or smaller than
+    the simulation, as no change of units makes it, may be so by the physics that is missing.
     """
     of_sensors = bool(effects) and all(is_of_a_sensor(effect) for effect in effects)
 
@@ -215,7 +222,11 @@ def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect
         if finding.code != "units":
             return False
         slope = finding.evidence.get("slope")
-        return slope is None or (of_sensors and SCALE_RANGE[0] < slope < SCALE_RANGE[1])
+        if slope is None:
+            return True
+        if SCALE_RANGE[0] < slope < SCALE_RANGE[1]:
+            return of_sensors
+        return not finding.evidence["alike"] and BY_PHYSICS[0] < slope < BY_PHYSICS[1]
 
     return [finding for finding in findings if finding.code in MENDED_FIRST and not is_none(finding)]
 
@@ -365,9 +376,9 @@ def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) ->
         units = [signal.unit, *(s.unit for s in simulator.inputs)]
         slope, offset = float(scaled.affine.slope[j]), float(scaled.affine.offset[j])
         spread = float(np.nanstd(case.y[:, j]))
-        facts = []
+        facts, alike = [], _alike_ratios(slope, units)
         if not SCALE_RANGE[0] < slope < SCALE_RANGE[1]:
-            facts.append(f"{slope:.4g} times what the simulator gives{_named_ratio(slope, units)}")
+            facts.append(f"{slope:.4g} times what the simulator gives{_in_words(alike)}")
         if abs(offset) > OFFSET_LIMIT * spread:
             facts.append(
                 f"shifted by {offset:.6g}, {abs(offset) / spread:.1f} standard deviations"
@@ -384,6 +395,7 @@ def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) ->
                         "output": j,
                         "slope": slope,
                         "offset": offset,
+                        "alike": alike,
                         "before": plain.error,
                         "after": scaled.error,
                     },
@@ -392,17 +404,24 @@ def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) ->
     return found
 
 
-def _named_ratio(slope: float, units: Sequence[str]) -> str:
-    """Return the changes of units that a slope looks like, those first that the signals' units may have."""
+def _alike_ratios(slope: float, units: Sequence[str]) -> list[str]:
+    """Return the changes of units that a slope looks like, those first that the signals' units must have.
+
+    Those of another kind than all units that are stated are left out.
+    """
     size = max(slope, 1 / slope)
+    unstated = not all(units)
+    alike = []
+    for ratio, words, unit in KNOWN_RATIOS:
+        away = abs(np.log(size / ratio))
+        of_its_kind = bool(unit) and any(alike_but_for_time(unit, other) for other in units if other)
+        if away < np.log(NEAR_RATIO) and (of_its_kind or unstated or not unit):
+            alike.append((not of_its_kind, away, words))
+    return [words for *_, words in sorted(alike)]
 
-    def rank(known) -> tuple[bool, float]:
-        ratio, _, unit = known
-        of_its_kind = bool(unit) and any(conversion(unit, other) for other in units if other)
-        return not of_its_kind, abs(np.log(size / ratio))
 
-    alike = sorted((k for k in KNOWN_RATIOS if abs(np.log(size / k[0])) < np.log(NEAR_RATIO)), key=rank)
-    return f", as {', or '.join(words for _, words, _ in alike[:NAMED])}" if alike else ""
+def _in_words(alike: Sequence[str]) -> str:
+    return f", as {', or '.join(alike[:NAMED])}" if alike else ""
 
 
 def _named_zero(slope: float, offset: float, unit: str) -> str:

@@ -174,6 +174,19 @@ def is_per_time(unit: str) -> bool:
     return _worth(unit)[1].get("s") == -1
 
 
+def alike_but_for_time(unit: str, other: str) -> bool:
+    """Tell whether units measure the same, but for being per time or not.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.units import alike_but_for_time
+    >>> [alike_but_for_time(unit, "m") for unit in ("mm", "m/s^2", "N m", "rad/s")]
+    [True, True, False, False]
+    """
+    ours, theirs = ({base: n for base, n in _worth(u)[1].items() if base != "s"} for u in (unit, other))
+    return ours == theirs
+
+
 def _worth(unit: str) -> tuple[float, dict[str, int]]:
     """Return a unit in SI units and its dimension; what is not known is a dimension of its own."""
     scale, dimension = 1.0, dict[str, int]()
