@@ -22,7 +22,7 @@ RAMP = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(0.02,
 OFFSET = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.01,))
 DAMPING = PlacedEffect(CATALOGUE["gain_drift"], Port("state", 1), (0.0, 1.0), theta=(0.01, 10.0, 0.0))
 DRAG = PlacedEffect(CATALOGUE["quadratic_drag"], Port("state", 1), (0.0, 1.0), theta=(0.1,))
-SETTINGS = SimpleNamespace(alpha=0.005, n_jobs=None, random_state=0)
+SETTINGS = SimpleNamespace(alpha=0.005, n_jobs=None, random_state=0, effects=tuple(CATALOGUE.values()))
 
 
 def stage(x, u, p):
@@ -57,7 +57,7 @@ def codes(candidate):
 
 
 class TestMoreThanDrift:
-    def chosen(self, axis, monkeypatch, pool, chances):
+    def chosen(self, axis, monkeypatch, pool, chances, settings=SETTINGS):
         """Return what is chosen and the sets that were asked, with what each was held against."""
         problem, base = axis
         asked = []
@@ -69,7 +69,7 @@ class TestMoreThanDrift:
 
         monkeypatch.setattr(confirm, "chances", given)
         best = min(pool, key=lambda c: c.criterion)
-        return codes(more_than_drift(problem, base, best, pool, None, SETTINGS)), asked
+        return codes(more_than_drift(problem, base, best, pool, None, settings)), asked
 
     def test_a_name_that_stands_stays(self, axis, monkeypatch):
         pool = [leaving(axis[1], 0.8, DAMPING), leaving(axis[1], 0.85, RAMP)]
@@ -87,10 +87,24 @@ class TestMoreThanDrift:
         chances["quadratic_drag",] = 0.2
         assert self.chosen(axis, monkeypatch, pool, chances)[0] == ["additive_drift"]
 
-    def test_what_is_beside_a_drift_is_held_against_the_drift(self, axis, monkeypatch):
+    def test_what_is_beside_a_drift_is_held_against_one_that_began_before(self, axis, monkeypatch):
         pool = [leaving(axis[1], 0.7, DAMPING, RAMP), leaving(axis[1], 0.75, RAMP)]
-        found = self.chosen(axis, monkeypatch, pool, {("gain_drift", "additive_drift"): 0.2})
-        assert found == (["additive_drift"], [(["additive_drift"], ["gain_drift", "additive_drift"])])
+        named = ("gain_drift", "additive_drift")
+        drifting = ["additive_drift", "sensor_bias"]
+        found, asked = self.chosen(axis, monkeypatch, pool, {(*named, "sensor_bias"): 0.2})
+        assert found[0] == "additive_drift"
+        assert "gain_drift" not in found
+        assert asked == [(drifting, [*named, "sensor_bias"])]
+        found, _ = self.chosen(axis, monkeypatch, pool, {(*named, "sensor_bias"): 0.001})
+        assert found == [*named]
+        # where offsets are not asked for, against the drift alone
+        without = SimpleNamespace(**{**vars(SETTINGS), "effects": (CATALOGUE["additive_drift"],)})
+        found = self.chosen(axis, monkeypatch, pool, {named: 0.2}, without)
+        assert found == (["additive_drift"], [(["additive_drift"], [*named])])
+
+    def test_a_drift_with_its_beginning_is_asked_no_more(self, axis, monkeypatch):
+        pool = [leaving(axis[1], 0.7, OFFSET, RAMP), leaving(axis[1], 0.75, RAMP)]
+        assert self.chosen(axis, monkeypatch, pool, {}) == (["sensor_bias", "additive_drift"], [])
 
     def test_an_offset_must_be_more_too(self, axis, monkeypatch):
         pool = [leaving(axis[1], 0.8, OFFSET), leaving(axis[1], 0.8, RAMP)]

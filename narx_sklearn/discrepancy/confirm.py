@@ -81,6 +81,12 @@ def is_drift(effect: PlacedEffect) -> bool:
     return effect.port.kind == "output" and effect.effect.code == DRIFT
 
 
+def is_all_drift(candidate: Candidate) -> bool:
+    """Tell whether a set is drifts of outputs alone, which may have gone somewhere before the record."""
+    drifting = {effect.port for effect in candidate.effects if is_drift(effect)}
+    return all(is_of_a_sensor(effect) and effect.port in drifting for effect in candidate.effects)
+
+
 def is_of_a_sensor(effect: PlacedEffect) -> bool:
     """Tell whether an effect is a drift or an offset of an output, which noise of that output may be."""
     return is_drift(effect) or (effect.port.kind == "output" and effect.effect.code == OFFSET)
@@ -242,30 +248,38 @@ def more_than_drift(
     """Return the likeliest set that is no noise, where noise that drifts may be nearly as likely as the best.
 
     A search that found a drift goes on from there, and comes to sets which nobody held against noise that
-    drifts: without the drift, or with another name in its place.
+    drifts: without the drift, or with another name in its place. Nor against a drift that had gone somewhere
+    when the record began, as it had unless it began with it.
     """
-
-    def is_all_drift(c: Candidate) -> bool:
-        return all(is_drift(effect) for effect in c.effects)
-
     drift = min((c.criterion for c in pool if is_all_drift(c)), default=np.inf)
     while not is_all_drift(best) and drift <= best.criterion + CERTAIN:
-        if _is_more_than_drift(problem, refitted, best, bank, settings):
+        drifts, more = _beside_drifts(problem, refitted, best, settings)
+        trial = Trial(problem, drifts, bank, settings.n_jobs, settings.random_state)
+        (chance,) = chances(trial, [more])
+        if chance <= settings.alpha:
             return best
-        pool = [c for c in pool if c.places != best.places]
+        pool = [*(c for c in pool if c.places != best.places), *([drifts] if drifts.effects else [])]
         best = likeliest(pool, refitted.cost)
     return best
 
 
-def _is_more_than_drift(
-    problem: Problem, refitted: Fit, candidate: Candidate, bank: Bank, settings: Settings
-) -> bool:
-    """Tell whether noise that drifts cannot be what a set has beside drifts of outputs."""
-    drifts = tuple(effect for effect in candidate.effects if is_drift(effect))
-    base = refitted
-    if drifts:
-        base = fit(problem, candidate.fit.model._replace(effects=drifts), n_jobs=settings.n_jobs)
-    beside = Candidate(base, candidate.n_samples)
-    trial = Trial(problem, beside, bank, settings.n_jobs, settings.random_state)
-    (chance,) = chances(trial, [candidate])
-    return chance <= settings.alpha
+def _beside_drifts(
+    problem: Problem, refitted: Fit, candidate: Candidate, settings: Settings
+) -> tuple[Candidate, Candidate]:
+    """Return the drifts of outputs in a set and the set, both with what each drift had come to before."""
+    drifting = {effect.port for effect in candidate.effects if is_drift(effect)}
+    if not drifting:
+        return Candidate(refitted, candidate.n_samples), candidate
+    off = {effect.port for effect in candidate.effects if effect.effect.code == OFFSET}
+    offset = [
+        effect for effect in settings.effects if effect.code == OFFSET
+    ]  # none where it is not asked for
+    before = tuple(PlacedEffect(offset[0], port, theta=(0.0,)) for port in drifting - off if offset)
+
+    def fitted(effects: tuple[PlacedEffect, ...]) -> Candidate:
+        model = candidate.fit.model._replace(effects=effects)
+        return Candidate(fit(problem, model, n_jobs=settings.n_jobs), candidate.n_samples)
+
+    more = fitted((*candidate.effects, *before)) if before else candidate
+    of_drifts = tuple(e for e in more.effects if is_of_a_sensor(e) and e.port in drifting)
+    return fitted(of_drifts), more

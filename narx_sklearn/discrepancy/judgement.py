@@ -10,7 +10,14 @@ import numpy as np
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, ODD, Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import Searched, converged, hypotheses_of
-from narx_sklearn.discrepancy.confirm import DRIFT, chance_of_noise, deviance, is_of_a_sensor, n_shapes
+from narx_sklearn.discrepancy.confirm import (
+    DRIFT,
+    chance_of_noise,
+    deviance,
+    is_all_drift,
+    is_of_a_sensor,
+    n_shapes,
+)
 from narx_sklearn.discrepancy.explain import FINE, probe, refit_leaders
 from narx_sklearn.discrepancy.generic import UNNAMED, curve_hypotheses, line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
@@ -241,8 +248,7 @@ def _left_by_several(
 def _may_be_drift(best: Candidate, alternatives) -> bool:
     """Tell whether outputs are off by nothing but what may drift."""
     of_sensors = all(is_of_a_sensor(effect) for effect in best.effects)
-    sets = (best, *chain.from_iterable(alternatives))
-    return of_sensors and any(all(effect.effect.code == DRIFT for effect in c.effects) for c in sets)
+    return of_sensors and any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
 
 
 def _decide(refitted: Fit, best: Candidate, alternatives, unnamed, leftover: Leftover, alpha: float) -> str:
