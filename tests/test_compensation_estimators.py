@@ -176,6 +176,24 @@ def test_what_a_reference_asks_beyond_reach_is_said():
         IsolatedCompensator(double, limits=(-1, 1)).fit().predict([0.0, 0.0, 1.0], m_init=0.0)
 
 
+def test_a_change_that_the_rate_limit_cuts_is_said_alone_and_beside_the_limits():
+    delayed = NARXModel.from_equations("0.5*u[k-1] + 0.1*u[k-2]")
+    compensator = IsolatedCompensator(delayed, rate_limit=0.5).fit()
+    with pytest.warns(UnreachableWarning) as told:
+        m = compensator.predict([0.0, 0.0, 1.0, 1.0, 1.0, 1.0], m_init=0.0)
+    assert compensator.compensate([0.0, 0.0, 1.0, 1.0, 1.0, 1.0], m_init=0.0).counts.at_rate_limit == 3
+    np.testing.assert_allclose(np.diff(m)[:3], 0.5)
+    assert len(told) == 1
+    message = str(told[0].message)
+    assert message.startswith("Of 6 samples at 3 rate_limit=0.5 cut its change. The machine cannot follow")
+    assert "limits" not in message.replace("rate_limit", "")
+    assert "no admissible" not in message
+    assert message.endswith("raise rate_limit if the machine allows it, or slow the reference down.")
+    both = IsolatedCompensator(delayed, limits=(-1, 1), rate_limit=0.5).fit()
+    with pytest.warns(UnreachableWarning, match=r"at 5 the limits -1 to 1 cut it, at 1 rate_limit=0\.5 cut"):
+        both.predict([0.0, 0.0, 1.0, 1.0, 1.0, 1.0], m_init=0.0)
+
+
 @pytest.mark.parametrize("ask", [lambda c: c.step(0.1), lambda c: c.counts, lambda c: c.reset()])
 def test_steps_before_fit_are_refused(ask):
     with pytest.raises(NotFittedError):

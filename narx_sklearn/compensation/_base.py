@@ -161,7 +161,7 @@ class Compensator(BaseEstimator):
         Warns
         -----
         UnreachableWarning
-            If no admissible input satisfied the law at some samples, or the limits cut it.
+            If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it.
         """
         run = self.compensate(X, m_init)
         warn_if_unreachable(run.counts, self.law_)

@@ -351,7 +351,7 @@ class CompensationLaw:
 
 
 class UnreachableWarning(NarxWarning):
-    """A compensator could not satisfy its law, or its limits cut the input; the message says how often."""
+    """A compensator could not satisfy its law, or limits cut its input or the input's change."""
 
 
 @dataclass(frozen=True)
@@ -474,17 +474,28 @@ class LawState:
 
 
 def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
-    """Warn where a law could not be satisfied or its limits cut the input."""
-    if counts.no_solution or counts.at_limit:
-        taken = "the last was kept" if law.policy == "hold" else "the nearest was taken"
-        warnings.warn(
-            f"Of {counts.samples} samples {counts.no_solution} had no admissible input ({taken}), and at "
-            f"{counts.at_limit} the limits {law.limits[0]:g} to {law.limits[1]:g} cut it. The machine cannot "
-            "follow this reference, or the model does not hold there: widen the limits if the machine allows "
-            "it, move m_init, or identify from a record that covers the reference.",
-            UnreachableWarning,
-            stacklevel=3,
-        )
+    """Warn where a law could not be satisfied or its limits cut the input or its change."""
+    taken = "the last was kept" if law.policy == "hold" else "the nearest was taken"
+    low, high = law.limits
+    told = {
+        f"{counts.no_solution} had no admissible input ({taken})": counts.no_solution,
+        f"at {counts.at_limit} the limits {low:g} to {high:g} cut it": counts.at_limit,
+        f"at {counts.at_rate_limit} rate_limit={law.rate_limit:g} cut its change": counts.at_rate_limit,
+    }
+    if not any(told.values()):
+        return
+    ways = {
+        "widen the limits if the machine allows it, move m_init, or identify from a record that covers the "
+        "reference": counts.no_solution or counts.at_limit,
+        "raise rate_limit if the machine allows it, or slow the reference down": counts.at_rate_limit,
+    }
+    warnings.warn(
+        f"Of {counts.samples} samples {', '.join(text for text, count in told.items() if count)}. "
+        "The machine cannot follow this reference, or the model does not hold there: "
+        f"{'; '.join(text for text, count in ways.items() if count)}.",
+        UnreachableWarning,
+        stacklevel=3,
+    )
 
 
 def _owner(element) -> int:
