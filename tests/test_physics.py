@@ -24,13 +24,20 @@ from narx_sklearn.physics import (
     PrandtlIshlinskiiOperator,
     asymmetric_sign,
     bouc_wen,
+    boucwen,
     first_order_reversal_curves,
     fit_asymmetric_sign,
     hysteretic_operator,
     play,
     smooth_sign,
 )
-from narx_sklearn.physics.boucwen import _bouc_wen_run, _bouc_wen_slope, _bouc_wen_step, _is_too_long
+from narx_sklearn.physics.boucwen import (
+    _bouc_wen_move,
+    _bouc_wen_run,
+    _bouc_wen_slope,
+    _bouc_wen_step,
+    _is_too_long,
+)
 from narx_sklearn.physics.hysteretic import _hysteretic_run
 from narx_sklearn.physics.multivalued import _asymmetric_run
 from narx_sklearn.physics.play_operator import _play_run
@@ -542,6 +549,28 @@ def test_bouc_wen_does_not_depend_on_the_rate(u, extra):
     assert_allclose(fine, bouc_wen(u, substeps=100, **arguments), atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("gamma", "few"), [(-198.0, 60), (0.0, 200), (198.0, 200)], ids=["hardly bent", "even", "flat"]
+)
+def test_a_loop_far_narrower_than_the_input_takes_few_steps(gamma, few, monkeypatch):
+    steps = []
+
+    def counted(*arguments):
+        steps.append(arguments)
+        return _bouc_wen_step.py_func(*arguments)
+
+    monkeypatch.setattr(boucwen, "_bouc_wen_step", counted)
+    arguments = 1.0, 200.0, gamma, 1.0
+    u = np.array([0.0, 1.0, -1.0, 1.0])
+    h = [0.0]
+    for change in np.diff(u):
+        h.append(_bouc_wen_move.py_func(h[-1], change, *arguments, 1))
+    assert len(steps) < 3 * few  # 16 for each unit of beta + |gamma| and of the input's way: thousands
+    fine = bouc_wen(u, A=1.0, beta=200.0, gamma=gamma, n=1.0, substeps=20000)
+    assert_allclose(h, fine, atol=1e-4 * np.abs(fine).max())
+    assert_allclose(h, _bouc_wen_run(u, *arguments, 0.0, 1)[0], rtol=1e-12)
+
+
 def test_bouc_wen_turns_the_sign_of_h_with_the_input():
     u = np.cumsum(np.random.default_rng(0).standard_normal(300))
     arguments = {"A": 1.0, "beta": 0.5, "gamma": -0.2, "n": 2.0}
@@ -651,10 +680,13 @@ def test_kernels_agree_with_their_python_originals():
         (_asymmetric_run, (u, np.array([0.5, 1.0]), np.array([-1.0]), 0.2)),
         (_bouc_wen_run, (u, 1.0, 2.0, 0.5, 1.0, 0.1, 2)),
         (_bouc_wen_run, (u, 1.0, 0.1, -0.5, 2.5, 0.0, 1)),
+        (_bouc_wen_move, (0.3, 0.2, 1.0, 200.0, -190.0, 1.3, 1)),
+        (_bouc_wen_move, (0.3, 0.0, 1.0, 2.0, 0.5, 1.7, 2)),
         (_bouc_wen_slope, (0.3, -1.0, 1.0, 2.0, 0.5, 1.7)),
         (_bouc_wen_step, (0.3, -1.0, -0.2, 1.0, 2.0, 0.5, 1.7)),
         (_is_too_long, (0.3, -0.2, 1.0, 2.0, 0.5, 1.0)),
         (_is_too_long, (0.3, -0.2, 1.0, 2.0, 0.5, 1.7)),
+        (_is_too_long, (0.3, 0.2, 1.0, 2.0, -0.5, 1.7)),
         (operators._arctan_branch, (-0.7,)),
         (operators.play_step, (0.2, 1.0, 0.5)),
         (operators.smooth_sign, (0.3, 0.2)),

@@ -43,19 +43,21 @@ static double NAME_bw_slope(double h, double direction, const double *p)
 
 static int NAME_bw_too_long(double h, double step, const double *p)
 {
-    double rate = p[3] * (p[1] + fabs(p[2]));
+    double rate = p[3] * (p[0] >= 0.0 && h * step >= 0.0 ? fabs(p[1] + p[2]) : p[1] + fabs(p[2]));
     if (p[3] > 1.0) rate *= pow(fabs(h) + fabs(p[0]) * fabs(step), p[3] - 1.0);
     return rate * fabs(step) > LONGEST_STEP;
 }
 
 static double NAME_bouc_wen(double h, double change, const double *p)
 {
-    double direction = NAME_sign(change), remaining = 1.0;
+    double direction = NAME_sign(change), remaining = 1.0, share = 1.0;
+    if (change == 0.0) return h;
     while (remaining > 0.0) {
-        double share = remaining, step, k1, k2, k3, k4;
+        double step, k1 = NAME_bw_slope(h, direction, p), k2, k3, k4;
+        if (p[0] > 0.0 && direction * h > 0.0 && fabs(k1) <= ROUNDING * p[0]) break;
+        share = fmin(2.0 * share, remaining);
         while (share > SHORTEST_SHARE && NAME_bw_too_long(h, share * change, p)) share *= 0.5;
         step = share * change;
-        k1 = NAME_bw_slope(h, direction, p);
         k2 = NAME_bw_slope(h + 0.5 * step * k1, direction, p);
         k3 = NAME_bw_slope(h + 0.5 * step * k2, direction, p);
         k4 = NAME_bw_slope(h + step * k3, direction, p);

@@ -24,8 +24,7 @@ from numba import njit, types
 
 from narx_sklearn.compensation._polynomial_roots import first_root, smallest_value
 from narx_sklearn.model.kernels import ASYMMETRIC_SIGN, STATE_SIZE, Program, phi_value, right_hand_side
-from narx_sklearn.model.operators import sign
-from narx_sklearn.physics.boucwen import SHORTEST_SHARE, _bouc_wen_step, _is_too_long
+from narx_sklearn.physics.boucwen import _bouc_wen_move
 
 EXPLICIT, ROOTS, SEARCH = range(3)  # how a law finds its input
 HOLD, NEAREST = range(2)  # what it does where no input satisfies it
@@ -147,25 +146,11 @@ def unpack_state(integers, state):
 
 
 @njit(cache=True, nogil=True)
-def _bouc_wen_advance(h, change, parameters):
-    """Return h of (2.6) after the input has changed by ``change``."""
-    A, beta, gamma, n = parameters[0], parameters[1], parameters[2], parameters[3]
-    direction = sign(change)
-    remaining = 1.0
-    while remaining > 0.0:
-        share = remaining
-        while share > SHORTEST_SHARE and _is_too_long(h, share * change, A, beta, gamma, n):
-            share *= 0.5
-        h = _bouc_wen_step(h, direction, share * change, A, beta, gamma, n)
-        remaining -= share
-    return h
-
-
-@njit(cache=True, nogil=True)
 def element_value(kind, parameters, now, previous, state):
     """Return an element (a phi regressor, or Bouc-Wen hysteresis) at one sample; ``state`` is written."""
     if kind == BOUC_WEN:
-        state[0] = _bouc_wen_advance(state[0], now - previous, parameters)
+        A, beta, gamma, n = parameters[0], parameters[1], parameters[2], parameters[3]
+        state[0] = _bouc_wen_move(state[0], now - previous, A, beta, gamma, n, 1)
         return state[0]
     return phi_value(kind, parameters, now, previous, state)
 

@@ -19,7 +19,7 @@ from narx_sklearn.model.kernels import (
     STATE_SIZE,
 )
 from narx_sklearn.model.polynomials import Polynomial
-from narx_sklearn.physics.boucwen import LONGEST_STEP, SHORTEST_SHARE
+from narx_sklearn.physics.boucwen import LONGEST_STEP, ROUNDING, SHORTEST_SHARE
 
 __all__ = ["c_source"]
 
@@ -109,6 +109,7 @@ class _Writer:
             "FEW_ITERATIONS": roots.FEW_ITERATIONS,
             "LONGEST_STEP": LONGEST_STEP,
             "SHORTEST_SHARE": SHORTEST_SHARE,
+            "ROUNDING": ROUNDING,
         }
         chosen = [
             (runtime.SIGN, kinds & {DIFFERENCE_SIGN, kernels.BOUC_WEN}),

@@ -15,6 +15,7 @@ __all__ = ["PIEZO_BENCH", "BoucWenModel", "bouc_wen"]
 
 LONGEST_STEP = 0.25  # change of u times d(dh/du)/dh in one step: stable to 2.78, to 1e-5 of h at this length
 SHORTEST_SHARE = 1e-5  # of the change between two samples; what needs less is not resolved by the data either
+ROUNDING = 2.0**-50  # of A: where dh/du is less, h lies at its bound to the last digits and stays there
 
 
 @njit(cache=True, nogil=True)
@@ -27,8 +28,10 @@ def _bouc_wen_slope(h, direction, A, beta, gamma, n):
 @njit(cache=True, nogil=True)
 def _is_too_long(h, step, A, beta, gamma, n):
     """Return whether dh/du may change too fast with h to integrate over ``step`` at once."""
+    # on its way from zero h keeps its sign, and beta and gamma act as their sum
+    coefficient = abs(beta + gamma) if A >= 0.0 and h * step >= 0.0 else beta + abs(gamma)
     step = abs(step)
-    rate = n * (beta + abs(gamma))
+    rate = n * coefficient
     if n > 1.0:  # while beta >= |gamma|, |h| grows by |A step| at most
         rate *= (abs(h) + abs(A) * step) ** (n - 1.0)
     return rate * step > LONGEST_STEP
@@ -45,21 +48,33 @@ def _bouc_wen_step(h, direction, step, A, beta, gamma, n):
 
 
 @njit(cache=True, nogil=True)
+def _bouc_wen_move(h, change, A, beta, gamma, n, substeps):
+    """Return h after the input has changed by ``change``."""
+    if change == 0.0:
+        return h
+    direction = sign(change)
+    remaining, share = 1.0, 1.0  # of the change: still to go, of one step
+    while remaining > 0.0:
+        # at its bound h stays for the rest of the change, however far that goes
+        slope = _bouc_wen_slope(h, direction, A, beta, gamma, n)
+        if A > 0.0 and direction * h > 0.0 and abs(slope) <= ROUNDING * A:
+            break
+        share = min(2.0 * share, 1.0 / substeps, remaining)
+        while share > SHORTEST_SHARE and _is_too_long(h, share * change, A, beta, gamma, n):
+            share *= 0.5
+        h = _bouc_wen_step(h, direction, share * change, A, beta, gamma, n)
+        remaining -= share
+    return h
+
+
+@njit(cache=True, nogil=True)
 def _bouc_wen_run(u, A, beta, gamma, n, h_start, substeps):
     """Return h along u, and the sample at which it was not finite (u.size when none)."""
     h = np.full(u.size, np.nan)
     h[0] = h_start
     now = h_start
     for k in range(1, u.size):
-        change = u[k] - u[k - 1]
-        direction = sign(change)
-        remaining = 1.0  # share of the change still to go
-        while remaining > 0.0:
-            share = min(1.0 / substeps, remaining)
-            while share > SHORTEST_SHARE and _is_too_long(now, share * change, A, beta, gamma, n):
-                share *= 0.5
-            now = _bouc_wen_step(now, direction, share * change, A, beta, gamma, n)
-            remaining -= share
+        now = _bouc_wen_move(now, u[k] - u[k - 1], A, beta, gamma, n, substeps)
         if not np.isfinite(now):
             return h, k
         h[k] = now
