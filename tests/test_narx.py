@@ -439,7 +439,7 @@ def test_the_free_run_lets_other_threads_work():
 
 
 def test_fewer_samples_than_lags_are_refused_with_the_number():
-    with pytest.raises(ValueError, match="at least 6 samples"):
+    with pytest.raises(ValueError, match="at least 8 samples"):
         NARXRegressor(5, 5).fit([[1.0], [2.0], [4.0], [3.0]], [1.0, 2.0, 3.0, 5.0])
 
 
@@ -524,3 +524,46 @@ def test_an_interrupted_fit_leaves_the_estimator_unfitted(record, monkeypatch, s
         narx.fit(X, y)
     with pytest.raises(NotFittedError):
         narx.predict(X)
+
+
+@pytest.mark.parametrize(
+    ("n_samples", "lags", "message"),
+    [
+        (9, 9, "Of n_samples = 9 none can be used: the longest lag is 9, so at least 12 samples in a row"),
+        (3, 1, "Of n_samples = 3 only 2 can be used: the longest lag is 1, so at least 4 samples in a row"),
+        (12, 10, "Of n_samples = 12 only 2 can be used: the longest lag is 10, so at least 13 samples in a"),
+    ],
+)
+def test_records_too_short_for_any_model_are_refused_with_the_length_wanted(n_samples, lags, message):
+    u = np.random.default_rng(0).uniform(-1, 1, (n_samples, 1))
+    with pytest.raises(ValueError, match=message):
+        NARXRegressor(lags, lags, degree=3).fit(u, u[:, 0])
+
+
+def short_record(n_samples, seed):
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=(n_samples, 1))
+    y = np.zeros(n_samples)
+    for k in range(1, n_samples):
+        y[k] = 0.5 * y[k - 1] + u[k - 1, 0] + 0.3 * u[k - 1, 0] ** 2
+    return u, y + 0.02 * rng.normal(size=n_samples)
+
+
+@pytest.mark.filterwarnings("ignore::narx_sklearn.exceptions.ExcitationWarning")
+def test_of_a_short_record_no_model_is_made_that_fits_anything():
+    judged = short_record(500, seed=100)
+    scores = []
+    for seed in range(5):
+        narx = NARXRegressor(2, 2, degree=3).fit(*short_record(20, seed))
+        assert len(narx.terms_) <= 9  # 17 terms of 18 usable samples without
+        scores.append(narx.score(*judged))
+    assert min(scores) > 0.99  # -1e6 in each without
+
+
+def test_a_model_as_large_as_its_record_allows_to_compare_is_warned_of():
+    told = r"The model of y has 4 terms from 8 usable samples: the record is too short .* \(40 usable samples"
+    with pytest.warns(ExcitationWarning, match=told):
+        NARXRegressor(2, 2, degree=3).fit(*short_record(10, seed=1))
+    with pytest.warns(ExcitationWarning, match="7 terms from 8 usable samples"):
+        NARXRegressor(2, 2, degree=3, n_terms=7).fit(*short_record(10, seed=1))
+    NARXRegressor(1, 1, degree=1).fit(*short_record(10, seed=1))  # three candidates of nine samples

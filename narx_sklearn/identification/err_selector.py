@@ -150,7 +150,7 @@ class ErrSelector(SelectorMixin, BaseEstimator):
         if self.n_terms is not None:
             size = min(self.n_terms, longest)
         else:
-            size = 1 + int(np.argmin(self.path_.criterion(self.criterion)[1:]))
+            size = max(self.path_.best_size(self.criterion), 1)
         order, ratios = err_order(factor, self.path_.supports[size])
         return np.array(order, dtype=int), ratios
 

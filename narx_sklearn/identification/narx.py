@@ -45,6 +45,7 @@ from narx_sklearn.identification.procedure import (
     stretch_factors,
     total_criterion,
     total_factor,
+    warn_if_short,
 )
 from narx_sklearn.identification.record import ArrayRecord, Record
 from narx_sklearn.identification.recordings import open_record
@@ -124,7 +125,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         How sets of terms are searched; ``"forward"`` is the classical ERR ordering. See `search_terms`.
     size : {"criterion", "free_run"}, default="criterion"
         ``"criterion"`` takes the criterion's global minimum. ``"free_run"`` takes, of the sizes round its
-        first two local minima, the one whose free run has the best criterion (section 5.2.1.1).
+        first two local minima, the one whose free run has the best criterion (section 5.2.1.1). Neither
+        takes more terms than half of the usable samples.
     constraints : str, list of str or (S, c), default=None
         Equality constraints on the parameters, ``"y[k-1] + y[k-2] = 1"`` (2.47); with several outputs a
         mapping from their names. Parameters are those of the signals in their units. ``"continuum"`` is
@@ -287,12 +289,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If a parameter is not valid, or no sample has all lagged values.
+            If a parameter is not valid, or fewer than three samples have all lagged values.
 
         Warns
         -----
         NarxWarning
             If ``refine="auto"`` is left out because a dask collection or files hold too many samples.
+        ExcitationWarning
+            If a signal is constant, or the record so short that the terms cannot be told apart.
 
         Notes
         -----
@@ -321,6 +325,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         refinement, noise = None, "equation"
         if record.in_memory:
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
+        warn_if_short(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
         self.uncertainty_ = self._uncertainty(constraints, record)
         return self
@@ -559,7 +564,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         chosen = list(selected)
         for output, one in enumerate(selected):
             values = one.path.criterion(self.criterion)
-            window = size_window(criterion_minima(values), len(values) - 1)
+            minima = criterion_minima(values[: one.path.longest_comparable + 1])
+            window = size_window(minima, one.path.longest_comparable)
             best = np.inf
             for size in window:
                 trial = estimate_terms(

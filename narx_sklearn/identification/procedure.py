@@ -31,6 +31,7 @@ from narx_sklearn.model.terms import Term, TermLibrary
 # Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
 SCREENING_CANDIDATES = 500
 FORWARD_CANDIDATES = 120  # the same for a forward search, to which nothing is lost by it
+FEWEST_USABLE = 3  # samples with all lagged values; a criterion takes the logarithm of their logarithm
 SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
 
 
@@ -300,7 +301,7 @@ def compress_record(
     Raises
     ------
     ValueError
-        If no sample has all lagged values.
+        If fewer than three samples have all lagged values.
     """
     full = len(library)
     forward = search == "forward" and not any(len(c) for c in constraints)
@@ -349,12 +350,33 @@ def factor_of_block(library: TermLibrary, layout: Layout, block: Block) -> Facto
 
 
 def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples: int) -> None:
-    """Raise a ValueError where a record has no sample with all lagged values."""
-    if n_usable == 0:
+    """Raise a ValueError where fewer samples of a record have all lagged values than identify anything."""
+    if n_usable < FEWEST_USABLE:
         longest = reach_of(library, layout)
+        usable = f"only {n_usable}" if n_usable else "none"
         raise ValueError(
-            f"Of n_samples = {n_samples} none can be used: the longest lag is {longest}, so at least "
-            f"{longest + 1} samples in a row, within one session and without a gap, are needed."
+            f"Of n_samples = {n_samples} {usable} can be used: the longest lag is {longest}, so at least "
+            f"{longest + FEWEST_USABLE} samples in a row, within one session and without a gap, are needed. "
+            "Pass a longer record, or fewer lags."
+        )
+
+
+def warn_if_short(selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int) -> None:
+    """Warn where a model has as many terms as its record allows to compare, or more."""
+    counts = np.count_nonzero(model.parameters, axis=0)
+    for output, one, count in zip(model.outputs, selected, counts, strict=True):
+        path = one.path
+        most = path.n_samples // 2
+        wished = count if n_terms is not None else min(max_terms, path.n_considered or path.n_candidates)
+        if count < most or wished <= most:
+            continue
+        warnings.warn(
+            f"The model of {output} has {count} term{'s' if count > 1 else ''} from {path.n_samples} usable "
+            "samples: the record is too short to tell what belongs to it, and beyond the record it may go "
+            f"anywhere. Pass a longer record ({2 * wished} usable samples compare all sizes up to {wished}), "
+            "or ask for less: fewer lags, a lower degree, n_terms.",
+            ExcitationWarning,
+            stacklevel=5,
         )
 
 
@@ -506,8 +528,7 @@ def select_terms(
     longest = max(max_terms, n_terms or 0)  # looking past the size wanted improves what is found there
     path = search_terms(compressed.factor, longest, search=search, output=output, constraints=scaled)
     path = replace(path, n_considered=compressed.n_considered)
-    values = path.criterion(criterion)
-    size = min(n_terms, len(path.supports) - 1) if n_terms is not None else int(np.argmin(values))
+    size = min(n_terms, len(path.supports) - 1) if n_terms is not None else path.best_size(criterion)
     return estimate_terms(compressed, output, path, size, criterion, constraints, alpha)
 
 

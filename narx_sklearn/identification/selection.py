@@ -71,9 +71,22 @@ class SelectionPath:
         considered = self.n_considered or self.n_candidates
         return information_criterion(name, rss, self.n_samples, self.sizes, considered)
 
+    @property
+    def longest_comparable(self) -> int:
+        """Largest size that a criterion may choose: it leaves a sample for the residual of each term.
+
+        Criteria price a term by what chance gives it in a long record. Of N samples of which k terms are
+        fitted it gives N / (N - k) times that, without bound towards k = N, where anything fits.
+        """
+        return min(len(self.supports) - 1, self.n_samples // 2)
+
     def best_size(self, name: str) -> int:
-        """Return the size at the criterion's global minimum (not where it first rises)."""
-        return int(np.argmin(self.criterion(name)))
+        """Return the comparable size at the criterion's global minimum (not where it first rises)."""
+        values = self.criterion(name)
+        comparable = values[: self.longest_comparable + 1]
+        if not np.isfinite(comparable).any():  # constraints ask for more terms
+            comparable = values
+        return int(np.argmin(comparable))
 
 
 class _Projection:

@@ -104,8 +104,7 @@ def select_on_simulation(
         if factor is None:
             break
         path = search_terms(factor, n_terms, search=search, constraints=constraints)
-        values = path.criterion(criterion)
-        chosen = path.supports[int(np.argmin(values))]
+        chosen = path.supports[path.best_size(criterion)]
         trial = _model_of(best.fit.model, library, factor, chosen, constraints)
         if trial is None or trial.library in seen:
             break
