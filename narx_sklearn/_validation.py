@@ -1,6 +1,7 @@
 """Checks at the public edge, and the few scikit-learn names they lean on."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from numbers import Integral
@@ -190,6 +191,52 @@ def finite_columns(data: np.ndarray) -> np.ndarray:
 def check_same_length(**arrays) -> None:
     """Raise a ValueError unless all arrays have the same number of samples."""
     check_consistent_length(*(array for array in arrays.values() if array is not None))
+
+
+def check_indexes(X, y) -> None:
+    """Raise a ValueError where the rows of two tables are labelled and the labels say that they differ.
+
+    An index that only numbers the rows from 0 says nothing, unless the other has these numbers in
+    another order; nor does one that numbers them from elsewhere (as a fold of such a table does) beside
+    labels that are no integers.
+    """
+    ours, theirs = (getattr(data, "index", None) if hasattr(data, "iloc") else None for data in (X, y))
+    if ours is None or theirs is None or len(ours) != len(theirs) or _same(ours, theirs):
+        return
+    k = next((i for i, (a, b) in enumerate(zip(ours, theirs, strict=True)) if a != b), None)
+    # labels of several kinds cannot be sorted; counted they can be compared
+    same_set = Counter(ours) == Counter(theirs)
+    if k is None or (not same_set and (_only_counts(ours, theirs) or _only_counts(theirs, ours))):
+        return
+    first = f"row {k} is {ours[k]} in X and {theirs[k]} in y"
+    if same_set:
+        raise ValueError(
+            f"X and y have the same row labels in another order ({first}); rows are paired by position. Sort "
+            "both by time, as with sort_index(), or pass y.loc[X.index]."
+        )
+    raise ValueError(
+        f"X and y have different row labels ({first}), so their samples are not of the same times. Align "
+        "them, as with X.join(y, how='inner'), or, if the rows do belong together, pass "
+        "y.set_axis(X.index)."
+    )
+
+
+def _same(ours, theirs) -> bool:
+    if ours.equals(theirs):
+        return True
+    if not all(index.dtype.kind in "iuf" for index in (ours, theirs)):
+        return False
+    a, b = ours.to_numpy(dtype=float), theirs.to_numpy(dtype=float)
+    step = np.median(np.abs(np.diff(a))) if a.size > 1 else 0.0
+    return bool(np.all(np.abs(a - b) <= 1e-6 * step))  # times that were computed twice
+
+
+def _only_counts(index, other) -> bool:
+    """Tell whether an index counts rows: from 0, or from anywhere beside one that is no integer."""
+    if index.dtype.kind not in "iu":
+        return False
+    first = 0 if other.dtype.kind in "iu" else index[0]
+    return bool(np.array_equal(index, first + np.arange(len(index))))
 
 
 def check_choice(value, name: str, choices: Iterable[str]) -> str:

@@ -1,15 +1,22 @@
-"""Passes over long records are made in blocks: the blocks must not show."""
+"""Passes over long records are made in blocks that must not show; rows of X and y are of the same samples."""
 
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
-from narx_sklearn import _validation
-from narx_sklearn._validation import all_finite, blocks, finite_columns, session_slices
-from narx_sklearn.model import NARXModel, free_run
+from narx_sklearn import NARXRegressor, NARXRegressorCV, _validation
+from narx_sklearn._validation import all_finite, blocks, check_indexes, finite_columns, session_slices
+from narx_sklearn.analysis import advise
+from narx_sklearn.compensation import InverseCompensator, PrandtlIshlinskiiCompensator, RootCompensator
+from narx_sklearn.identification import ErrSelector
+from narx_sklearn.identification.many import by_session, free_run_many
+from narx_sklearn.model import NARXModel, free_run, predict_k_steps, predict_one_step
+from narx_sklearn.physics import BoucWen
 
 
 @given(st.lists(st.integers(0, 2), min_size=1, max_size=40), st.integers(1, 7))
@@ -57,3 +64,52 @@ def test_all_finite_errs_on_the_side_of_another_look(values, expected):
 def test_inputs_whose_sum_overflows_are_simulated_like_others():
     model = NARXModel.from_equations("0.5*y[k-1] + 1e-308*u[k-1]")
     np.testing.assert_allclose(free_run(model, np.full(4, 1e308), [0.0]).y[:, 0], [0.0, 1.0, 1.5, 1.75])
+
+
+# -- rows of X and y ---------------------------------------------------------------------------------------
+
+MODEL = NARXModel.from_equations("0.5*y[k-1] + u[k-1]")
+X_FRAME = pd.DataFrame({"u": np.random.default_rng(0).normal(size=200)})
+Y_SERIES = pd.Series(free_run(MODEL, X_FRAME, [0.0]).y[:, 0], name="y")
+FITTED = NARXRegressor(n_terms=2).fit(X_FRAME, Y_SERIES)
+INVERTED = RootCompensator(MODEL).fit()
+TAKES_BOTH = {
+    "fit": lambda X, y: NARXRegressor(n_terms=2).fit(X, y),
+    "partial_fit": lambda X, y: NARXRegressor(n_terms=2).partial_fit(X, y),
+    "cv": lambda X, y: NARXRegressorCV([1], [1], degree=[1], max_terms=2, cv=2).fit(X, y),
+    "score": FITTED.score,
+    "one step": FITTED.predict_one_step,
+    "k steps": lambda X, y: FITTED.predict_k_steps(X, y, 2),
+    "model, one step": lambda X, y: predict_one_step(MODEL, X, y),
+    "model, k steps": lambda X, y: predict_k_steps(MODEL, X, y, 2),
+    "many": lambda X, y: free_run_many(MODEL, [(X, y)]),
+    "by session": lambda X, y: by_session(X, y, np.zeros(len(X))),
+    "advise": lambda X, y: advise(MODEL, X, y),
+    "selector": lambda X, y: ErrSelector().fit(X, y),
+    "Bouc-Wen": lambda X, y: BoucWen(n_starts=1, exponent_bounds=(1, 1), random_state=0).fit(X, y),
+    "root": lambda X, y: RootCompensator(NARXRegressor(n_terms=2)).fit(X, y),
+    "inverse": lambda X, y: InverseCompensator(NARXRegressor(1, 2, n_terms=2)).fit(X, y),
+    "plays": lambda X, y: PrandtlIshlinskiiCompensator().fit(X, y),
+    "compensator's score": INVERTED.score,
+}
+
+
+@pytest.mark.filterwarnings("ignore::narx_sklearn.exceptions.NarxWarning")
+@pytest.mark.parametrize("call", TAKES_BOTH.values(), ids=TAKES_BOTH)
+def test_rows_of_other_samples_are_refused_wherever_inputs_and_outputs_meet(call):
+    call(X_FRAME[5:], Y_SERIES[5:])
+    with pytest.raises(ValueError, match=r"different row labels \(row 0 is 3 in X and 5 in y\)"):
+        call(X_FRAME[3:-2], Y_SERIES[5:])
+    with pytest.raises(ValueError, match="same row labels in another order"):
+        call(X_FRAME, Y_SERIES[::-1])
+
+
+def test_an_index_that_only_counts_is_paired_by_position_in_folds_too():
+    dated = X_FRAME.set_axis(pd.date_range("2024-01-01", periods=200, freq="1s"))
+    scores = cross_val_score(NARXRegressor(n_terms=2), dated, Y_SERIES, cv=TimeSeriesSplit(3))
+    assert scores == pytest.approx(np.ones(3))
+    NARXRegressor(n_terms=2).fit(X_FRAME[5:], Y_SERIES[5:].reset_index(drop=True))
+    NARXRegressor(n_terms=2).fit(X_FRAME[5:], Y_SERIES[:-5].to_numpy())
+    check_indexes(X_FRAME.set_axis(np.arange(200) * 0.1), Y_SERIES.set_axis(range(100, 300)))
+    with pytest.raises(ValueError, match="different row labels"):
+        check_indexes(X_FRAME.set_axis(np.arange(200) * 0.1), Y_SERIES.set_axis(np.arange(200) * 0.2))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from narx_sklearn._validation import as_signals, check_same_length
+from narx_sklearn._validation import as_signals, check_indexes, check_same_length
 from narx_sklearn.analysis.sampling import sampling_advice
 from narx_sklearn.identification.regressors import chunks
 from narx_sklearn.identification.uncertainty import STRETCHES, OneStepScores, one_step_scores
@@ -155,6 +155,7 @@ def advise(
         raise ValueError(
             f"level={level!r} must lie between 0 and 1, smallest_gain={smallest_gain!r} from 0 to below 1."
         )
+    check_indexes(X, y)
     X, y = as_signals(X, "X"), as_signals(y, "y")
     check_same_length(X=X, y=y, sessions=sessions)
     for name, columns, signals in (("X", X.shape[1], model.inputs), ("y", y.shape[1], model.outputs)):

@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 from narx_sklearn._validation import (
     as_signals,
     check_choice,
+    check_indexes,
     check_same_length,
     column_labels,
     session_slices,
@@ -76,6 +77,7 @@ class Compensator(BaseEstimator):
         self._line = None
         data = None
         if X is not None and y is not None:
+            check_indexes(X, y)
             data = as_signals(X, "X"), as_signals(y, "y")
             check_same_length(X=data[0], y=data[1], sessions=sessions)
             if data[1].shape[1] != 1:
@@ -289,8 +291,9 @@ class Compensator(BaseEstimator):
             1 when the law gives back the very input. Noise of the output counts as reference here; to judge
             by what a compensator does to a plant use `tracking_scorer`.
         """
-        u = as_signals(X, "X")
         check_is_fitted(self, "law_")
+        check_indexes(X, y)
+        u = as_signals(X, "X")
         applied, others = self._parted(u, self.model_)
         m = self.compensate(np.column_stack([as_signals(y, "y"), others]), m_init=applied[0]).m
         return float(1.0 - np.sum((applied - m) ** 2) / np.sum((applied - applied.mean()) ** 2))

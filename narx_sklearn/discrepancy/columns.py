@@ -1,6 +1,5 @@
 """Labels of a table against the signals of a simulator: which column is which, in which unit, and when."""
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -113,47 +112,6 @@ def unlike_units(data, signals: Sequence, name: str, role: str) -> list[tuple[st
 
 
 # -- times -----------------------------------------------------------------------------------------------
-
-
-def check_indexes(X, y) -> None:
-    """Raise a ValueError where the rows of two tables are labelled and the labels say that they differ.
-
-    An index that only numbers the rows from 0 says nothing, unless the other has these numbers in
-    another order.
-    """
-    ours, theirs = (getattr(data, "index", None) if hasattr(data, "iloc") else None for data in (X, y))
-    if ours is None or theirs is None or len(ours) != len(theirs) or _same(ours, theirs):
-        return
-    k = next((i for i, (a, b) in enumerate(zip(ours, theirs, strict=True)) if a != b), None)
-    # labels of several kinds cannot be sorted; counted they can be compared
-    same_set = Counter(ours) == Counter(theirs)
-    if k is None or (not same_set and (_numbers_rows(ours) or _numbers_rows(theirs))):
-        return
-    first = f"row {k} is {ours[k]} in X and {theirs[k]} in y"
-    if same_set:
-        raise ValueError(
-            f"X and y have the same row labels in another order ({first}); rows are paired by position. Sort "
-            "both by time, as with sort_index(), or pass y.loc[X.index]."
-        )
-    raise ValueError(
-        f"X and y have different row labels ({first}), so their samples are not of the same times. Align "
-        "them, as with X.join(y, how='inner'), or, if the rows do belong together, pass "
-        "y.set_axis(X.index)."
-    )
-
-
-def _same(ours, theirs) -> bool:
-    if ours.equals(theirs):
-        return True
-    if not all(index.dtype.kind in "iuf" for index in (ours, theirs)):
-        return False
-    a, b = ours.to_numpy(dtype=float), theirs.to_numpy(dtype=float)
-    step = np.median(np.abs(np.diff(a))) if a.size > 1 else 0.0
-    return bool(np.all(np.abs(a - b) <= 1e-6 * step))  # times that were computed twice
-
-
-def _numbers_rows(index) -> bool:
-    return index.dtype.kind in "iu" and bool(np.array_equal(index, np.arange(len(index))))
 
 
 def index_step(data, sessions, name: str) -> float | None:

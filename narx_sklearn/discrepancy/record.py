@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn._validation import finite_rows, finite_slices, session_slices
+from narx_sklearn._validation import check_indexes, finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.checks import DataFinding
 from narx_sklearn.discrepancy.columns import (
-    check_indexes,
     index_step,
     other_step,
     read_columns,

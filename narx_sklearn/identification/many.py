@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from narx_sklearn._validation import as_signals, check_same_length, session_slices
+from narx_sklearn._validation import as_signals, check_indexes, check_same_length, session_slices
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import FreeRun, free_run
@@ -84,6 +84,7 @@ def free_run_many(model: NARXModel, recordings, *, n_jobs: int | None = None) ->
 def _run_one(model: NARXModel, name, X, y) -> tuple[FreeRun, list[dict]]:
     """Simulate one recording; return the run and its rows of the table."""
     try:
+        check_indexes(X, y)
         X, y = as_signals(X, "X"), as_signals(y, "y")
         check_same_length(X=X, y=y)
         with warnings.catch_warnings():
@@ -180,6 +181,7 @@ def by_session(X, y, sessions) -> dict[Any, tuple]:
     >>> {name: y.tolist() for name, (_, y) in found.items()}
     {'a': [0, 1], 'b': [2, 3, 4]}
     """
+    check_indexes(X, y)
     X = X if hasattr(X, "iloc") else np.asarray(X)
     y = y if hasattr(y, "iloc") else np.asarray(y)
     check_same_length(X=X, y=y, sessions=sessions)

@@ -14,6 +14,7 @@ from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import (
     as_signals,
     check_choice,
+    check_indexes,
     check_same_length,
     column_labels,
     finite_columns,
@@ -289,7 +290,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If a parameter is not valid, or fewer than three samples have all lagged values.
+            If a parameter is not valid, fewer than three samples have all lagged values, or ``X`` and
+            ``y`` are pandas tables with different row labels (or the same in another order).
 
         Warns
         -----
@@ -463,6 +465,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return record
 
     def _open_arrays(self, X, y, sessions, *, reset: bool) -> ArrayRecord:
+        check_indexes(X, y)
         labels = column_labels(y)
         input_labels = column_labels(X)
         X = validate_data(
@@ -763,6 +766,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Predictions; NaN where a lagged value is not known.
         """
+        check_indexes(X, y)
         return self._shaped(predict_one_step(self.model_, self._inputs(X), y, sessions=sessions))
 
     def predict_k_steps(self, X, y, steps, sessions=None):
@@ -784,6 +788,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Predictions; NaN where the past is not known.
         """
+        check_indexes(X, y)
         return self._shaped(predict_k_steps(self.model_, self._inputs(X), y, steps, sessions=sessions))
 
     def score(self, X, y, sample_weight=None, sessions=None):
@@ -807,6 +812,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         float
             R², averaged over outputs; a free run that leaves the finite range scores -1e6.
         """
+        check_indexes(X, y)
         return free_run_score(self.model_, self._inputs(X), y, sessions=sessions, sample_weight=sample_weight)
 
     def _inputs(self, X) -> np.ndarray:

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from narx_sklearn._validation import as_signals, check_same_length, session_slices
+from narx_sklearn._validation import as_signals, check_indexes, check_same_length, session_slices
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
@@ -55,6 +55,7 @@ class FreeRunJudge:
     """
 
     def __init__(self, X, y, *, sessions=None, sample_weight=None):
+        check_indexes(X, y)
         self.X, self.y = as_signals(X, "X"), as_signals(y, "y")
         check_same_length(X=self.X, y=self.y)
         self.sessions = sessions

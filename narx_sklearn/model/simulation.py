@@ -13,6 +13,7 @@ import numpy as np
 from narx_sklearn._validation import (
     all_finite,
     as_signals,
+    check_indexes,
     check_same_length,
     finite_rows,
     finite_slices,
@@ -305,6 +306,7 @@ def predict_one_step(model: NARXModel, X, y, *, sessions=None) -> np.ndarray:
     >>> predict_one_step(model, [1.0, 1.0, 0.0], [0.0, 2.0, 4.0]).ravel().tolist()
     [nan, 1.0, 2.0]
     """
+    check_indexes(X, y)
     X, y = _model_inputs(model, X), _model_outputs(model, y)
     check_same_length(X=X, y=y)
     layout = layout_of(model)
@@ -366,6 +368,7 @@ def predict_k_steps(
                 f"{phi.name} is a Python function of an output, for which k-step prediction is not compiled; "
                 "use the free run or one-step prediction."
             )
+    check_indexes(X, y)
     X, y = _model_inputs(model, X), _model_outputs(model, y)
     check_same_length(X=X, y=y)
     recording = lay_out(layout, X, y, sessions)

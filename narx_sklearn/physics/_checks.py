@@ -6,7 +6,7 @@ import numpy as np
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_array, validate_data
 
-from narx_sklearn._validation import session_slices
+from narx_sklearn._validation import check_indexes, session_slices
 
 
 def check_signal(u, name: str = "u") -> np.ndarray:
@@ -29,6 +29,7 @@ def check_finite(value, name: str) -> float:
 
 def validate_record(estimator, X, y, sessions) -> tuple[np.ndarray, np.ndarray, list[slice]]:
     """Return input and output for ``fit``, both of shape (n_samples,), and the recordings; or raise."""
+    check_indexes(X, y)
     X, y = validate_data(estimator, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
     pieces = session_slices(sessions, X.shape[0])
     return _one_input(estimator, X), np.asarray(y, dtype=np.float64), pieces
