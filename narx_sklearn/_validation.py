@@ -12,6 +12,8 @@ from sklearn.utils.validation import check_array, check_consistent_length
 _UNIT = re.compile(r"^\s*(.*?)\s*\[([^\]]*)\]\s*$")
 _NOT_WORD = re.compile(r"\W+")
 
+SMALLEST, LARGEST = 1e-75, 1e75  # magnitudes whose fourth powers are still numbers
+
 BLOCK_ROWS = 1 << 18  # samples of a long record looked at together, so that no mask grows with the record
 
 
@@ -75,10 +77,16 @@ def as_signals(data, name: str) -> np.ndarray:
     Raises
     ------
     ValueError
-        If it is not numeric, has more than two axes, or holds infinities.
+        If it is None, a single value, not numeric, has more than two axes, or holds infinities.
     """
     if not hasattr(data, "columns"):
-        data = np.asarray(data)
+        given, data = data, np.asarray(data)
+        if data.ndim == 0:
+            what = "None" if given is None else f"the single value {given!r}"
+            raise ValueError(
+                f"{name} is {what}, but a signal is wanted: an array of shape (n_samples,) or "
+                "(n_samples, n_signals)."
+            )
         data = data.reshape(-1, 1) if data.ndim == 1 else data
     return check_array(
         data,
@@ -237,6 +245,17 @@ def _only_counts(index, other) -> bool:
         return False
     first = 0 if other.dtype.kind in "iu" else index[0]
     return bool(np.array_equal(index, first + np.arange(len(index))))
+
+
+def check_magnitude(largest: float, what: str) -> None:
+    """Raise where powers of values up to ``largest`` are zero or infinite: no error can be told from none."""
+    if largest == 0.0 or SMALLEST <= largest <= LARGEST:
+        return
+    raise ValueError(
+        f"{what} holds values of up to {largest:.3g}, too {'small' if largest < SMALLEST else 'large'} to "
+        f"square: magnitudes from {SMALLEST:g} to {LARGEST:g} can be used. Choose a unit in which they are "
+        "nearer to 1."
+    )
 
 
 def check_choice(value, name: str, choices: Iterable[str]) -> str:

@@ -567,3 +567,36 @@ def test_a_model_as_large_as_its_record_allows_to_compare_is_warned_of():
     with pytest.warns(ExcitationWarning, match="7 terms from 8 usable samples"):
         NARXRegressor(2, 2, degree=3, n_terms=7).fit(*short_record(10, seed=1))
     NARXRegressor(1, 1, degree=1).fit(*short_record(10, seed=1))  # three candidates of nine samples
+
+
+@pytest.mark.parametrize("call", ["predict", "predict_one_step", "predict_k_steps", "score"])
+def test_missing_inputs_are_refused_with_those_wanted(call):
+    u, y = short_record(50, seed=0)
+    narx = NARXRegressor(n_terms=2).fit(u, y)
+    others = {"predict": (), "predict_k_steps": (y, 2)}.get(call, (y,))
+    with pytest.raises(
+        ValueError, match=r"X is None, but the model has the inputs \['u'\]: .* \(n_samples, 1\)"
+    ):
+        getattr(narx, call)(None, *others)
+    with pytest.raises(ValueError, match=r"X is None, .* X=np\.empty\(\(n_samples, 0\)\)"):
+        NARXRegressor().fit(None, y)
+
+
+@pytest.mark.parametrize(("size", "word"), [(1e-150, "small"), (1e150, "large"), (1e200, "large")])
+@pytest.mark.parametrize("estimator", [NARXRegressor(), NARXRegressorCV([1], [1], degree=[2])])
+def test_values_whose_products_are_no_numbers_are_refused_by_name(estimator, size, word):
+    u, y = short_record(100, seed=0)
+    with pytest.raises(
+        ValueError, match=f"u holds values of up to .* too {word} to square: .* Choose a unit"
+    ):
+        clone(estimator).fit(size * u, y)
+    with pytest.raises(ValueError, match=f"y holds values of up to .* too {word} to square"):
+        clone(estimator).fit(u, size * y)
+
+
+@pytest.mark.parametrize("size", [1e-70, 1e70])
+def test_large_and_small_units_change_nothing_but_the_units(size):
+    u, y = short_record(100, seed=0)
+    plain, other = NARXRegressor().fit(u, y), NARXRegressor().fit(size * u, size * y)
+    assert other.terms_ == plain.terms_
+    assert other.score(size * u, size * y) == pytest.approx(plain.score(u, y), abs=1e-9)

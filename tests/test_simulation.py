@@ -669,7 +669,10 @@ def test_every_form_of_an_array_gives_the_same_numbers_and_is_left_alone(form):
     ("call", "message"),
     [
         (lambda m: free_run(m, np.ones((4, 2))), r"X has 2 columns, the model has the 1 inputs \['u'\]"),
-        (lambda m: free_run(m, np.ones(4), np.ones((4, 2))), "y has 2 columns, the model has the 1 outputs"),
+        (
+            lambda m: free_run(m, np.ones(4), np.ones((4, 2))),
+            "y_init has 2 columns, the model has the 1 outputs",
+        ),
         (
             lambda m: free_run(m, np.ones(4), [1.0]),
             "y_init has 1 samples, but the model needs the last 2 outputs",
@@ -703,3 +706,19 @@ def test_scales_of_any_size_are_simulated_alike():
     for scale in (1e-12, 1e12):
         scaled = NARXModel(TermLibrary(["y[k-1]", "u[k-1]^2"]), [0.5, 1 / scale])
         np.testing.assert_allclose(free_run(scaled, scale * X, [0.0]).y, scale * unit, rtol=1e-12)
+
+
+def test_what_is_no_signal_is_refused_with_what_is_wanted():
+    model = NARXModel.from_equations("0.5*y[k-1] + 0.1*y[k-2] + u[k-1]")
+    with pytest.raises(
+        ValueError, match=r"y_init is the single value 1\.0, .* at least 2 values.*np\.full\(2, 1\.0"
+    ):
+        free_run(model, [1.0, 1.0, 1.0], 1.0)
+    with pytest.raises(ValueError, match="y_init has 2 columns, the model has the 1 outputs"):
+        free_run(model, [1.0, 1.0, 1.0], [[1.0, 2.0], [3.0, 4.0]])
+    with pytest.raises(ValueError, match=r"X is None, but the model has the inputs \['u'\]"):
+        free_run(model, None)
+    with pytest.raises(ValueError, match=r"X is the single value 1\.0, but a signal is wanted"):
+        free_run(model, 1.0)
+    with pytest.raises(ValueError, match="y is None, but a signal is wanted"):
+        predict_one_step(model, [1.0, 1.0, 1.0], None)

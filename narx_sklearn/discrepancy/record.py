@@ -5,7 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn._validation import check_indexes, finite_rows, finite_slices, session_slices
+from narx_sklearn._validation import (
+    check_indexes,
+    check_magnitude,
+    finite_rows,
+    finite_slices,
+    session_slices,
+)
 from narx_sklearn.discrepancy.checks import DataFinding
 from narx_sklearn.discrepancy.columns import (
     index_step,
@@ -17,7 +23,6 @@ from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.windows import shortest_window
 from narx_sklearn.exceptions import NarxWarning
 
-SMALLEST, LARGEST = 1e-75, 1e75  # magnitudes whose fourth powers are still numbers
 FEWEST_VALUES = 20  # measured values in windows, as locating a force takes
 
 Piece = tuple[slice, int]  # a stretch without gaps in the inputs, and the first sample of its session
@@ -50,7 +55,8 @@ def read_record(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
         )
     for name, signals, values in (("X", simulator.inputs, u), ("y", simulator.outputs, measured)):
         for signal, column in zip(signals, values.T, strict=True):
-            _check_size(column, f"{name}'s column for {str(signal)!r}")
+            largest = float(np.nanmax(np.abs(column), initial=0.0))
+            check_magnitude(largest, f"{name}'s column for {str(signal)!r}")
     return u, measured
 
 
@@ -64,18 +70,6 @@ def read_outputs(y, simulator: Simulator, name: str = "y") -> np.ndarray:
     """Return measured outputs as an array, in the order of the simulator's."""
     measured = read_columns(y, simulator.outputs, name, "output")
     return np.require(measured, requirements=["C", "W"])
-
-
-def _check_size(column: np.ndarray, what: str) -> None:
-    """Raise where powers of values are zero or infinite, in which no error can be told from none."""
-    largest = float(np.nanmax(np.abs(column), initial=0.0))
-    if largest == 0.0 or SMALLEST <= largest <= LARGEST:
-        return
-    raise ValueError(
-        f"{what} holds values of up to {largest:.3g}, too {'small' if largest < SMALLEST else 'large'} to "
-        f"square: magnitudes from {SMALLEST:g} to {LARGEST:g} can be used. Choose a unit in which they are "
-        "nearer to 1."
-    )
 
 
 def label_findings(X, y, simulator: Simulator, sessions=None) -> list[DataFinding]:

@@ -465,6 +465,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return record
 
     def _open_arrays(self, X, y, sessions, *, reset: bool) -> ArrayRecord:
+        if X is None:
+            raise ValueError(
+                "X is None, but a record is wanted: inputs of shape (n_samples, n_inputs). For a model "
+                "without inputs pass input_lags=[] and X=np.empty((n_samples, 0))."
+            )
         check_indexes(X, y)
         labels = column_labels(y)
         input_labels = column_labels(X)
@@ -817,6 +822,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _inputs(self, X) -> np.ndarray:
         check_is_fitted(self)
+        if X is None:
+            raise ValueError(
+                f"X is None, but the model has the inputs {list(self.model_.inputs)}: pass an array of shape "
+                f"(n_samples, {self.n_features_in_}), which also says how many samples there are."
+            )
         return validate_data(
             self, X, reset=False, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
             ensure_min_features=0 if self._has_no_inputs() else 1,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from narx_sklearn._threads import single_threaded_blas
+from narx_sklearn._validation import check_magnitude
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
@@ -131,6 +132,11 @@ def translation(
 def scaled_layout(problem: Problem, record: Record) -> Layout:
     """Return the layout with every output and input shifted to its mean, every channel scaled to one.
 
+    Raises
+    ------
+    ValueError
+        If values of a signal are too small or too large to square.
+
     Warns
     -----
     ExcitationWarning
@@ -138,6 +144,10 @@ def scaled_layout(problem: Problem, record: Record) -> Layout:
     """
     mean, spread = record.moments.mean, record.moments.deviation
     names = problem.outputs + problem.inputs
+    for name, known, low, high in zip(
+        names, record.moments.known, record.moments.low, record.moments.high, strict=True
+    ):
+        check_magnitude(max(abs(low), abs(high)) if known else 0.0, name)
     noise = 1e-13 * np.maximum(np.abs(mean), np.finfo(float).tiny)  # rounding of a constant's mean
     for name, value, level in zip(names, spread, noise, strict=True):
         if not value > level:

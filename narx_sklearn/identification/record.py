@@ -78,19 +78,20 @@ class Moments(NamedTuple):
     def of(cls, X: np.ndarray, y: np.ndarray) -> "Moments":
         """Measure a stretch, NaN left out."""
         total = cls.none(X.shape[1] + y.shape[1])
-        for rows in blocks(X.shape[0]):
-            columns = (column[rows] for side in (y, X) for column in side.T)
-            known = [c if all_finite(c) else c[np.isfinite(c)] for c in columns]
-            means = np.array([c.mean() if c.size else 0.0 for c in known])
-            total = total.merge(
-                cls(
-                    np.array([c.size for c in known], dtype=float),
-                    means,
-                    np.array([((c - m) ** 2).sum() for c, m in zip(known, means, strict=True)]),
-                    np.array([c.min(initial=np.inf) for c in known]),
-                    np.array([c.max(initial=-np.inf) for c in known]),
+        with np.errstate(over="ignore", invalid="ignore"):  # such values are refused by who fits them
+            for rows in blocks(X.shape[0]):
+                columns = (column[rows] for side in (y, X) for column in side.T)
+                known = [c if all_finite(c) else c[np.isfinite(c)] for c in columns]
+                means = np.array([c.mean() if c.size else 0.0 for c in known])
+                total = total.merge(
+                    cls(
+                        np.array([c.size for c in known], dtype=float),
+                        means,
+                        np.array([((c - m) ** 2).sum() for c, m in zip(known, means, strict=True)]),
+                        np.array([c.min(initial=np.inf) for c in known]),
+                        np.array([c.max(initial=-np.inf) for c in known]),
+                    )
                 )
-            )
         return total
 
     @classmethod

@@ -498,6 +498,11 @@ def _finite_bound(bound: float) -> float:
 
 
 def _model_inputs(model: NARXModel, X) -> np.ndarray:
+    if X is None:
+        raise ValueError(
+            f"X is None, but the model has the inputs {list(model.inputs)}: pass an array of shape "
+            f"(n_samples, {len(model.inputs)}), which also says how many samples there are."
+        )
     X = as_signals(X, "X")
     if X.shape[1] != len(model.inputs):
         raise ValueError(
@@ -506,11 +511,11 @@ def _model_inputs(model: NARXModel, X) -> np.ndarray:
     return X
 
 
-def _model_outputs(model: NARXModel, y) -> np.ndarray:
-    y = as_signals(y, "y")
+def _model_outputs(model: NARXModel, y, name: str = "y") -> np.ndarray:
+    y = as_signals(y, name)
     if y.shape[1] != len(model.outputs):
         raise ValueError(
-            f"y has {y.shape[1]} columns, the model has the {len(model.outputs)} outputs "
+            f"{name} has {y.shape[1]} columns, the model has the {len(model.outputs)} outputs "
             f"{list(model.outputs)}."
         )
     return y
@@ -519,7 +524,15 @@ def _model_outputs(model: NARXModel, y) -> np.ndarray:
 def _initial_outputs(model: NARXModel, y_init, n_samples: int) -> np.ndarray | None:
     if y_init is None:
         return None
-    initial = _model_outputs(model, y_init) if model.max_lag else np.zeros((n_samples, len(model.outputs)))
+    if not model.max_lag:
+        return np.zeros((n_samples, len(model.outputs)))
+    if not hasattr(y_init, "columns") and np.asarray(y_init).ndim == 0:
+        raise ValueError(
+            f"y_init is the single value {y_init!r}, but the model needs the last {model.max_lag} outputs "
+            f"(longest lag of its terms). Pass at least {model.max_lag} values, as with "
+            f"np.full({model.max_lag}, {y_init!r}) where it has been held."
+        )
+    initial = _model_outputs(model, y_init, "y_init")
     if initial.shape[0] < model.max_lag:
         raise ValueError(
             f"y_init has {initial.shape[0]} samples, but the model needs the last {model.max_lag} outputs "
