@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV, TimeSeriesSplit
@@ -19,12 +20,14 @@ from narx_sklearn.compensation import (
     PrandtlIshlinskiiCompensator,
     RootCompensator,
     UnreachableWarning,
+    inverse,
     run_plant,
     smooth_output,
     tracking_error,
     tracking_scorer,
 )
 from narx_sklearn.datasets import make_piezo_bench
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.metrics import mape
 from narx_sklearn.model import (
@@ -445,3 +448,35 @@ def test_a_law_that_runs_away_on_a_slower_reference_is_not_taken():
     slower = np.interp(np.arange(0, 2999, 0.5), np.arange(3000), y)
     counts = compensator.compensate(slower, u[0]).counts
     assert counts.at_limit < 0.1 * counts.samples
+
+
+def lag_behind_a_cubic(n=2000):
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-2.0, 2.0, n // 20), 20)
+    y = cubic_then_lag(u)
+    return u.reshape(-1, 1), y + 0.01 * np.std(y) * rng.normal(size=n)
+
+
+def cubic_then_lag(u):
+    return lfilter([0.0, 0.1], [1.0, -0.9], u + 0.3 * u**3)
+
+
+def left(reference, output):
+    return np.sqrt(np.mean((output - reference) ** 2)) / np.std(reference)
+
+
+def test_an_inverse_model_is_chosen_by_what_its_law_does_to_the_machine():
+    X, y = lag_behind_a_cubic()
+    reference = 0.5 * np.abs(y).max() * np.sin(2.0 * np.pi * np.arange(3000) / 1000)
+    chosen = InverseCompensator().fit(X, y)
+    error = tracking_error(chosen, cubic_then_lag, reference, metric=left, n_settle=300)
+    assert error < 0.1  # 0.18 by the free run on the record's own output
+
+
+def test_an_inverse_law_worse_than_a_straight_line_is_told(monkeypatch):
+    errors = iter([0.1, 0.5, 0.5, 0.5, 0.5])  # the line is asked first
+    monkeypatch.setattr(inverse, "error_on", lambda *_: next(errors))
+    with pytest.warns(
+        NarxWarning, match=r"leaves 50% of a reference's deviation, a straight line .* 10%.*lead"
+    ):
+        InverseCompensator().fit(*lag_behind_a_cubic(1000))

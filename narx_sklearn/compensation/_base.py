@@ -28,6 +28,7 @@ from narx_sklearn.compensation.law import (
     warn_if_unreachable,
 )
 from narx_sklearn.compensation.stability import warn_if_amplifying
+from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
@@ -368,12 +369,13 @@ def fitted_regressor(model: Any, X, y, sessions) -> Any:
     return clone(model).fit(X, y, **options)
 
 
-def best_of(regressors, identify, judge) -> NARXModel:
+def best_of(regressors, identify, judge, compare=None) -> NARXModel:
     """Return the model that is judged best; what one cannot do is told only where none can.
 
-    Warnings are those of the model that is taken.
+    Where ``compare`` is given, it takes all models that could be judged and their marks, and returns others
+    in their place. Warnings are those of the model that is taken.
     """
-    best, refused = None, ValueError("There is nothing to choose from.")
+    found, refused = [], ValueError("There is nothing to choose from.")
     for regressor in regressors:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
@@ -384,13 +386,16 @@ def best_of(regressors, identify, judge) -> NARXModel:
             except ValueError as error:  # such as a law without a solution
                 refused = error
                 continue
-        if best is None or mark < best[0]:
-            best = mark, model, told_of_model
-    if best is None:
+        found.append((mark, model, told_of_model))
+    if not found:
         raise refused
-    for warning in best[2]:
+    marks: list[Any] = [mark for mark, _, _ in found]
+    if compare is not None:
+        marks = compare([model for _, model, _ in found], marks)
+    _, model, told_of_model = found[min(range(len(found)), key=lambda i: marks[i])]
+    for warning in told_of_model:
         warnings.warn(warning.message, stacklevel=5)
-    return best[1]
+    return model
 
 
 def free_run_criterion(model: NARXModel, u, y, sessions, alike=0.0) -> tuple[float, np.ndarray]:
@@ -422,10 +427,33 @@ def share_cut(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float
     """
     counts = []
     for piece, _ in _known_pieces(reference, u, sessions):
-        now = reference[piece]
-        slower = np.stack([now[:-1], 0.5 * (now[:-1] + now[1:])], axis=1).reshape(-1, now.shape[1])
-        counts.append(law.run(slower, m=u[piece.start]).counts)
+        counts.append(law.run(at_half_speed(reference[piece]), m=u[piece.start]).counts)
     return sum(c.at_limit for c in counts) / max(sum(c.samples for c in counts), 1)
+
+
+def error_on(model: NARXModel, law: CompensationLaw, reference: np.ndarray, u: np.ndarray, sessions) -> float:
+    """Return how far a model that a law drives stays from a reference at half its speed.
+
+    In deviations of the reference; infinite where the model leaves the finite range.
+    """
+    left, wanted = [], []
+    for piece, _ in _known_pieces(reference, u, sessions):
+        slower = at_half_speed(reference[piece])
+        m = law.run(slower, m=u[piece.start]).m
+        known = np.isfinite(slower[:, 0])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DivergenceWarning)  # the error says it
+            left.append((free_run(model, m, slower).y - slower)[known])
+        wanted.append(slower[known])
+    errors = np.concatenate(left)
+    if not np.isfinite(errors).all():
+        return np.inf
+    return float(np.sqrt(np.mean(errors**2)) / (np.std(np.concatenate(wanted)) or 1.0))
+
+
+def at_half_speed(signals: np.ndarray) -> np.ndarray:
+    """Return signals of shape (n_samples, n_signals) with a sample put between any two."""
+    return np.stack([signals[:-1], 0.5 * (signals[:-1] + signals[1:])], axis=1).reshape(-1, signals.shape[1])
 
 
 def _known_pieces(reference, u: np.ndarray, sessions) -> Iterator[tuple[slice, np.ndarray]]:

@@ -1,5 +1,7 @@
 """InverseCompensator: a model of the inverse relationship as the compensator (thesis section 4.6)."""
 
+import warnings
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -7,10 +9,20 @@ import pandas as pd
 from scipy.signal import savgol_filter
 
 from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names
-from narx_sklearn.compensation._base import Compensator, best_of, fitted_regressor, free_run_criterion
+from narx_sklearn.compensation._base import (
+    Compensator,
+    _static_line,
+    best_of,
+    error_on,
+    fitted_regressor,
+    free_run_criterion,
+)
 from narx_sklearn.compensation._defaults import direct_regressors, inverse_regressors
 from narx_sklearn.compensation.derive import inverse_law, smooth_signs
+from narx_sklearn.compensation.law import REFERENCE, CompensationLaw
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.simulation import free_run
 
 __all__ = ["InverseCompensator", "smooth_output"]
@@ -18,6 +30,26 @@ __all__ = ["InverseCompensator", "smooth_output"]
 # of the input's deviation: inverse models that err less differ by how they fit the record's own speeds, and
 # those with more lags amplify other ones
 ALIKE = 0.05
+
+
+def _direct_model(u, y, sessions) -> NARXModel | None:
+    """Return the direct model with the best free run, None where none can be had."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it is asked, not used
+        try:
+            model = best_of(
+                direct_regressors(u, y, None),
+                lambda regressor: fitted_regressor(regressor, u, y, sessions).model_,
+                lambda model: free_run_criterion(model, u, y, sessions)[0],
+            )
+        except ValueError:
+            return None
+        return model if np.isfinite(free_run_criterion(model, u, y, sessions)[0]) else None
+
+
+def _straight(intercept: float, slope: float) -> CompensationLaw:
+    """Return the law of a straight line."""
+    return CompensationLaw("explicit", (Polynomial({"1": intercept, f"{REFERENCE}[k]": slope}),))
 
 
 def smooth_output(y, window: int, *, sessions=None) -> np.ndarray:
@@ -81,7 +113,8 @@ class InverseCompensator(Compensator):
     model : NARXModel, estimator or None, default=None
         A known inverse model: its output is the machine's input, its input the machine's output. Or an
         estimator with ``model_`` after fit, such as `NARXRegressor`. None identifies several of third
-        degree, with hysteresis and without, and takes the one that gives the recorded input back best.
+        degree, with hysteresis and without, and a direct model of the machine, on which it takes the law
+        that tracks the record's output at half its speed best.
     lead : int, default=2
         :math:`\tau_s`, at least the delay of the machine plus 1.
     denoise : None, int, "model" or estimator, default=None
@@ -154,8 +187,6 @@ class InverseCompensator(Compensator):
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
 
-    _default_regressors = staticmethod(inverse_regressors)
-
     def _identify_law(self, X, y, sessions):
         if not isinstance(self.lead, Integral) or isinstance(self.lead, bool) or self.lead < 1:
             raise ValueError(
@@ -169,7 +200,7 @@ class InverseCompensator(Compensator):
         else:
             swapped = self._swap(X, y, sessions)
             if self.model is None:
-                self.model_ = self._best_default(*swapped)
+                self.model_ = self._best_inverse(as_signals(X, "X"), as_signals(y, "y"), sessions, swapped)
             else:
                 self.model_ = fitted_regressor(self.model, *swapped).model_
         return self._derive(self.model_)
@@ -177,10 +208,51 @@ class InverseCompensator(Compensator):
     def _derive(self, model):
         return inverse_law(smooth_signs(model, self.smooth_width), int(self.lead))
 
-    def _judge(self, X, y, sessions):
-        output, u = as_signals(X, "X"), as_signals(y, "y")
-        # the free run of the inverse model is the law
-        return lambda model, law: free_run_criterion(model, output, u, sessions, alike=ALIKE)[0]
+    def _best_inverse(self, u, y, sessions, swapped) -> NARXModel:
+        """Return, of several inverse models, the one whose law drives a direct model best.
+
+        The free run of an inverse model is its law on the record's own output, which says little of what it
+        makes of other references: the criterion of that run decides only among laws that track alike, and
+        where there is no direct model to be asked.
+        """
+        output, inputs = as_signals(swapped[0], "X"), as_signals(swapped[1], "y")
+        machine = self.direct_model_ or _direct_model(u, y, sessions)
+        errors: list[float] = []
+
+        def judge(model):
+            self._derive(model)  # raises where there is no law
+            return free_run_criterion(model, output, inputs, swapped[2], alike=ALIKE)[0]
+
+        def compare(models, criteria):
+            if machine is None:
+                return criteria
+            run = free_run(machine, u, y, sessions=sessions).y
+            straight = _straight(*_static_line(u[:, 0], y[:, 0]))
+            laws = [straight, *(self._derive(model) for model in models)]
+            bounded = [replace(law, limits=self._range_of(u)) for law in laws]
+            line, *found = [error_on(machine, law, run, u[:, 0], sessions) for law in bounded]
+            if not np.isfinite([line, *found]).all():  # a model that this drives away is no judge
+                return criteria
+            # a law that runs away by itself, held by the limits alone, comes last whatever it tracks
+            marks = [(np.isinf(c), max(e, ALIKE), c) for e, c in zip(found, criteria, strict=True)]
+            errors.extend((found[marks.index(min(marks))], line))
+            return marks
+
+        model = best_of(
+            inverse_regressors(swapped[0], swapped[1], None),
+            lambda regressor: fitted_regressor(regressor, *swapped).model_,
+            judge,
+            compare,
+        )
+        if errors and errors[0] > errors[1]:
+            warnings.warn(
+                f"No inverse model serves: on a model of the machine itself the best law leaves "
+                f"{errors[0]:.0%} of a reference's deviation, a straight line of the reference "
+                f"{errors[1]:.0%}. Use RootCompensator, or a longer lead than {self.lead}.",
+                NarxWarning,
+                stacklevel=4,
+            )
+        return model
 
     def _swap(self, X, y, sessions):
         """Return the machine's output moved ahead as a frame, its input as a series, and sessions."""
