@@ -153,14 +153,14 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     if longest < _fewest(simulator):
         return tuple(found)  # nothing can be compared
-    case = make_case(simulator, u, y, pieces)
+    case = make_case(simulator, u, y, pieces, n_jobs)
     if case is not None and np.nanstd(y, axis=0).min() > 0:
-        mistakes, case, last = find_mistakes(case, n_jobs)
+        mistakes, case, last = find_mistakes(case)
         if any(mistake.code == "time_scale" for mistake in mistakes):  # short only as the simulator counts
             found = [finding for finding in found if finding.code != "short_record"]
         found += [_told(simulator, mistake) for mistake in mistakes]
         if last is not None:
-            found += _other_units(simulator, case, last, n_jobs)
+            found += _other_units(simulator, case, last)
     return tuple(found)
 
 
@@ -366,9 +366,9 @@ def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:
     return DataFinding(mistake.code, sentence, about | numbers)
 
 
-def _other_units(simulator: Simulator, case: Case, scaled: Agreement, n_jobs) -> list[DataFinding]:
+def _other_units(simulator: Simulator, case: Case, scaled: Agreement) -> list[DataFinding]:
     """Return findings where only another scale or a large offset makes the output agree."""
-    plain = agreement_at_best(case, scaled=False, n_jobs=n_jobs)
+    plain = agreement_at_best(case, scaled=False)
     if plain is None or not scaled.error < min(DECISIVE * plain.error, 0.5):
         return []
     found = []

@@ -64,6 +64,7 @@ class Case:
     u: np.ndarray
     y: np.ndarray
     windows: Windows
+    n_jobs: int | None = None  # threads that refit it, and try what else may be wrong
 
 
 class Agreement(NamedTuple):
@@ -92,7 +93,7 @@ class Mistake(NamedTuple):
     agreeing: float = np.nan
 
 
-def make_case(simulator: Simulator, u, y, pieces) -> Case | None:
+def make_case(simulator: Simulator, u, y, pieces, n_jobs: int | None = None) -> Case | None:
     """Return the record in a few windows, None where it is too short for any."""
     boxed = copy(simulator)
     boxed.parameters = tuple(_boxed(parameter) for parameter in simulator.parameters)
@@ -111,7 +112,7 @@ def make_case(simulator: Simulator, u, y, pieces) -> Case | None:
         return None
     integers = [np.array(values, dtype=np.int64) for values in (first, last, began)]
     windows = Windows(integers[0], integers[1], np.ones(len(first), dtype=bool), integers[2])
-    return Case(boxed, u, y, windows)
+    return Case(boxed, u, y, windows, n_jobs)
 
 
 def _boxed(parameter):
@@ -121,9 +122,7 @@ def _boxed(parameter):
     )
 
 
-def agreement(
-    case: Case, *, scaled: bool, start: Model | None = None, n_jobs: int | None = None
-) -> Agreement | None:
+def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreement | None:
     """Refit within the box and return what is left; None where the simulator leaves the finite range.
 
     Parameters
@@ -132,8 +131,6 @@ def agreement(
         Whether the output may be scaled (by a positive factor) and shifted as well.
     start : Model, optional
         Where the refit begins; by default with the nominal parameters.
-    n_jobs : int, optional
-        Threads that linearise.
     """
     simulator, windows = case.simulator, case.windows
     n_outputs = case.y.shape[1]
@@ -153,7 +150,7 @@ def agreement(
         size = noise.sigma / affine.slope
         problem = Problem(simulator, case.u, target, windows, Noise.white(size))
         steps = FIT_STEPS if scaled else ALTERNATIONS * FIT_STEPS
-        fitted = fit(problem, model, iterations=steps, n_jobs=n_jobs)
+        fitted = fit(problem, model, iterations=steps, n_jobs=case.n_jobs)
         model = fitted.model
         y_sim = problem.run(model).y
     if scaled:
@@ -194,7 +191,7 @@ def _regress(y, y_sim, seen, rows) -> Affine:
     return Affine(offset, slope)
 
 
-def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake], Case, Agreement | None]:
+def find_mistakes(case: Case) -> tuple[list[Mistake], Case, Agreement | None]:
     """Undo mistakes one after another, the most telling first, until none helps decisively.
 
     Returns
@@ -206,10 +203,10 @@ def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake],
         How well it agrees, scaled.
     """
     found: list[Mistake] = []
-    now = agreement_at_best(case, scaled=True, n_jobs=n_jobs)
+    now = agreement_at_best(case, scaled=True)
     while len(found) < ROUNDS and now is not None:
-        suspects = _suspects(case, now, {mistake.code for mistake in found}, n_jobs)
-        tried = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(_judge)(m, now) for m in suspects)
+        suspects = _suspects(case, now, {mistake.code for mistake in found})
+        tried = Parallel(n_jobs=case.n_jobs, prefer="threads")(delayed(_judge)(m, now) for m in suspects)
         believed = [(mistake, after) for mistake, after in tried if mistake is not None]
         if not believed:
             break
@@ -220,25 +217,25 @@ def find_mistakes(case: Case, n_jobs: int | None = None) -> tuple[list[Mistake],
     return found, case, now
 
 
-def agreement_at_best(case: Case, *, scaled: bool, n_jobs: int | None = None) -> Agreement | None:
+def agreement_at_best(case: Case, *, scaled: bool) -> Agreement | None:
     """Return how well a case agrees, the refit begun with the first parts of the windows where it must be.
 
     A machine that turns over, or is unstable, goes anywhere in a long run whose parameters are a little off.
     """
-    whole = agreement(case, scaled=scaled, n_jobs=n_jobs)
+    whole = agreement(case, scaled=scaled)
     if whole is not None and whole.error < EXCUSED:
         return whole
     first, last = case.windows.first, case.windows.last
     shortest = max(SHORTEST, shortest_window(case.simulator))
     parts = np.minimum(last, first + np.maximum((last - first) // PART, shortest))
-    begun = agreement(replace(case, windows=case.windows._replace(last=parts)), scaled=scaled, n_jobs=n_jobs)
-    grown = None if begun is None else agreement(case, scaled=scaled, start=begun.model, n_jobs=n_jobs)
+    begun = agreement(replace(case, windows=case.windows._replace(last=parts)), scaled=scaled)
+    grown = None if begun is None else agreement(case, scaled=scaled, start=begun.model)
     return min((found for found in (whole, grown) if found), key=lambda found: found.error, default=None)
 
 
 def _judge(mistake: Mistake, before: Agreement) -> tuple[Mistake | None, Agreement | None]:
-    """Return the mistake with its numbers if undoing it is decisive, else None."""
-    after = agreement(mistake.case, scaled=True)
+    """Return the mistake with its numbers if undoing it is decisive, else None; others are judged beside."""
+    after = agreement(replace(mistake.case, n_jobs=None), scaled=True)
     if after is None or after.errors.size != before.errors.size:
         return None, None
     agreeing = float(np.mean(after.errors < before.errors))
@@ -250,7 +247,7 @@ def _judge(mistake: Mistake, before: Agreement) -> tuple[Mistake | None, Agreeme
     return mistake._replace(before=before.error, after=after.error, agreeing=agreeing), after
 
 
-def _suspects(case: Case, now: Agreement, done: set[str], n_jobs: int | None) -> Iterator[Mistake]:
+def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
     """Yield the mistakes worth a trial, each with the record in which it is undone."""
     if now.error < EXCUSED:
         return
@@ -263,20 +260,20 @@ def _suspects(case: Case, now: Agreement, done: set[str], n_jobs: int | None) ->
             simulator = copy(case.simulator)
             simulator.dt = case.simulator.dt * factor
             simulator.substeps = int(np.ceil(case.simulator.substeps * factor))
-            yield Mistake("time_scale", {"factor": factor}, Case(simulator, case.u, case.y, case.windows))
+            yield Mistake("time_scale", {"factor": factor}, replace(case, simulator=simulator))
     if "delayed" not in done:
-        yield from _shifted(case, now, n_jobs)
+        yield from _shifted(case, now)
 
 
 def _flipped(case: Case):
     for j in range(case.y.shape[1]):
         y = case.y.copy()
         y[:, j] *= -1.0
-        yield Mistake("sign", {"output": j}, Case(case.simulator, case.u, y, case.windows))
+        yield Mistake("sign", {"output": j}, replace(case, y=y))
     for i in range(case.u.shape[1]):
         u = case.u.copy()
         u[:, i] *= -1.0
-        yield Mistake("sign", {"input": i}, Case(case.simulator, u, case.y, case.windows))
+        yield Mistake("sign", {"input": i}, replace(case, u=u))
 
 
 def _swapped(case: Case):
@@ -285,30 +282,28 @@ def _swapped(case: Case):
             if np.isfinite(case.y[:, j]).all() and np.nanstd(case.u[:, i]) > 0:
                 u, y = case.u.copy(), case.y.copy()
                 u[:, i], y[:, j] = case.y[:, j], case.u[:, i]
-                yield Mistake("swapped", {"input": i, "output": j}, Case(case.simulator, u, y, case.windows))
+                yield Mistake("swapped", {"input": i, "output": j}, replace(case, u=u, y=y))
 
 
-def _shifted(case: Case, now: Agreement, n_jobs: int | None):
+def _shifted(case: Case, now: Agreement):
     """Yield columns moved in time by what leaves least after the refit."""
     reach = int((case.windows.last - case.windows.first).min() // 4)
     run = case.simulator.run(case.u, case.windows, _first_states(case))
     for j in range(case.y.shape[1]):
         start = _lag_of(case.y[:, j], run.y[:, j], case.windows, reach)
         moved = partial(_with_output_moved, case, j)
-        samples = _best_shift(moved, start, now.error, reach, n_jobs)
+        samples = _best_shift(moved, start, now.error, reach)
         if samples:
             yield Mistake("delayed", {"output": j, "samples": samples}, moved(samples))
     if case.u.shape[1] > 1:
         for i in range(case.u.shape[1]):
             moved = partial(_with_input_moved, case, i)
-            samples = _best_shift(moved, _lag_of_input(case, i, reach), now.error, reach, n_jobs)
+            samples = _best_shift(moved, _lag_of_input(case, i, reach), now.error, reach)
             if samples:
                 yield Mistake("delayed", {"input": i, "samples": samples}, moved(samples))
 
 
-def _best_shift(
-    moved: Callable[[int], Case], start: int, unmoved: float, reach: int, n_jobs: int | None
-) -> int:
+def _best_shift(moved: Callable[[int], Case], start: int, unmoved: float, reach: int) -> int:
     """Return the shift that leaves least after the refit, by descent from a guess made without it."""
     errors = {0: unmoved}
 
@@ -316,7 +311,7 @@ def _best_shift(
         if abs(samples) > reach:
             return np.inf
         if samples not in errors:
-            after = agreement(moved(samples), scaled=True, n_jobs=n_jobs)
+            after = agreement(moved(samples), scaled=True)
             errors[samples] = np.inf if after is None else after.error
         return errors[samples]
 
@@ -378,14 +373,14 @@ def _with_output_moved(case: Case, j: int, samples: int) -> Case:
     """Return the case with one output, late by ``samples``, moved back."""
     y = case.y.copy()
     y[:, j] = _moved(y[:, j], -samples, case.windows, np.nan)
-    return Case(case.simulator, case.u, y, case.windows)
+    return replace(case, y=y)
 
 
 def _with_input_moved(case: Case, i: int, samples: int) -> Case:
     """Return the case with one input moved later by ``samples``, as the system seems to have got it."""
     u = case.u.copy()
     u[:, i] = _moved(u[:, i], samples, case.windows, None)
-    return Case(case.simulator, u, case.y, case.windows)
+    return replace(case, u=u)
 
 
 def _moved(signal, samples: int, windows: Windows, fill) -> np.ndarray:
