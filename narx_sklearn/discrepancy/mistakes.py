@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.windows import shortest_window
 
 BOX = 0.45  # parameters may be this far off, relatively, before data are suspected
@@ -28,17 +28,18 @@ EXPLAINED = 0.5  # share of the output's variance that may be left after it
 EXCUSED = 0.01  # share of the variance left with which nothing is suspected
 AGREEING = 0.8  # share of the windows that must improve
 BETTER_THAN_LAG = 0.5  # error variance of a delay over that of the best first-order lag
-WINDOWS = 8
+LAGS = (0.5, 1.0, 2.0)  # time constants that such a lag may have, times the delay
+WINDOWS = 8  # that a record is cut into, about
 LONGEST = 500  # samples of one window
 PART = 4  # of a window, with which a refit begins
-SHORTEST = 16
-TIME_FACTORS = (0.1, 0.5, 2.0, 10.0)
-SHIFTS_TRIED = 14
+SHORTEST = 16  # samples of one, however few states the simulator has
+TIME_FACTORS = (0.1, 0.5, 2.0, 10.0)  # sampling periods that are tried, over the simulator's
+SHIFTS_TRIED = 14  # of one column: refits in the descent from a guess, at most
 ROUNDS = 3  # mistakes undone one after another
 SCALE_RANGE = 0.4, 2.5  # slopes that wrong parameters may still explain
 OFFSET_LIMIT = 3.0  # standard deviations of the output
-ALTERNATIONS = 2
-FIT_STEPS = 3
+ALTERNATIONS = 2  # of scale and offset with the parameters
+FIT_STEPS = 3  # iterations in each
 
 
 class Affine(NamedTuple):
@@ -358,9 +359,7 @@ def _lag_of_input(case: Case, i: int, reach: int) -> int:
 def _error_without_refit(case: Case, i: int, samples: int) -> float:
     moved = _with_input_moved(case, i, samples)
     run = moved.simulator.run(moved.u, moved.windows, _first_states(moved))
-    inside = np.concatenate(
-        [np.arange(a, b) for a, b in zip(case.windows.first, case.windows.last, strict=True)]
-    )
+    inside = covered(case.windows)
     seen = np.isfinite(case.y[inside])[None]
     if not np.isfinite(run.y[inside]).all():
         return np.inf
@@ -404,16 +403,13 @@ def _error_of_lag(mistake: Mistake, before: Agreement) -> float:
     if "output" in mistake.about:
         measured = _moved(measured, samples, case.windows, np.nan)  # as recorded
     best = np.inf
-    for share in (0.5, 1.0, 2.0):
+    for share in LAGS:
         pole = np.exp(-1.0 / (share * samples))
         lagged = before.y[:, j].copy()
-        left, variance = 0.0, 0.0
         for a, b in zip(case.windows.first, case.windows.last, strict=True):
             s = before.y[a:b, j]
             lagged[a:b], _ = lfilter([1 - pole], [1, -pole], s, zi=[pole * s[0]])
-        inside = np.concatenate(
-            [np.arange(a, b) for a, b in zip(case.windows.first, case.windows.last, strict=True)]
-        )
+        inside = covered(case.windows)
         inside = inside[np.isfinite(measured[inside]) & np.isfinite(lagged[inside])]
         columns = np.column_stack([np.ones(inside.size), lagged[inside]])
         rest = measured[inside] - columns @ np.linalg.lstsq(columns, measured[inside], rcond=None)[0]
