@@ -5,7 +5,7 @@ import pytest
 from small_machines import axis_problem, levels, make_axis, make_circuit, make_drive
 
 from narx_sklearn.discrepancy import verify
-from narx_sklearn.discrepancy.beginning import _lengthened
+from narx_sklearn.discrepancy.beginning import _Fitted, _lengthened
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Problem
@@ -24,18 +24,17 @@ def two_masses(x, u, p):
 class TestLongWindows:
     def test_an_integrator_is_looked_at_over_long_windows_once_its_parameters_are_near(self):
         problem, start = axis_problem(n_windows=30)
-        short = fit(problem, start)
-        longer, found = _lengthened(problem, short, cut([(slice(0, 1500), 0)], 375, 12))
-        assert longer.windows.count == 4
-        np.testing.assert_allclose(found.model.p, [1.1, 0.4], rtol=0.01)
+        short = _Fitted(problem, fit(problem, start), 50)
+        longer = _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12))
+        assert (longer.problem.windows.count, longer.lengthened_from) == (4, 50)
+        np.testing.assert_allclose(longer.refitted.model.p, [1.1, 0.4], rtol=0.01)
 
     def test_windows_stay_short_where_a_long_run_loses_the_recording(self):
         problem, start = axis_problem(n_windows=30)
         rng = np.random.default_rng(9)
         problem.y[:] = 100.0 * rng.normal(size=problem.y.shape)
-        short = fit(problem, start)
-        kept, _ = _lengthened(problem, short, cut([(slice(0, 1500), 0)], 375, 12))
-        assert kept is problem
+        short = _Fitted(problem, fit(problem, start), 50)
+        assert _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12)) is short
 
 
 class TestLatePieces:

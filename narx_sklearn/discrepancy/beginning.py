@@ -6,7 +6,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
@@ -40,6 +40,15 @@ class Beginning(NamedTuple):
     lengthened_from: int  # samples of a window before it was made long; 0 where it was not
 
 
+class _Fitted(NamedTuple):
+    """A problem over windows of some length, and the fit of the simulator's own parameters."""
+
+    problem: Problem
+    refitted: Fit
+    length: int  # samples that a window is wanted to have
+    lengthened_from: int = 0  # as in `Beginning`
+
+
 def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Beginning:
     """Fit the simulator's own parameters on the given pieces of a record.
 
@@ -71,22 +80,21 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     spread = np.nanstd(y, axis=0)
     problem = Problem(simulator, u, y, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
     settings.tell("fit of the simulator's own parameters")
-    x0 = guess_states(simulator, u, y, windows, structure, x)
-    nominal = fit_initial_states(problem, x0)
-    refitted = fit(problem, nominal.model, n_jobs=settings.n_jobs)
+    refitted = fit(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
+    begun = _Fitted(problem, refitted, length)
     if settings.window is None:
-        lengths = [sorted({max(length // share, shortest) for share in shares}) for shares in SHORTER]
-        ladders = [[spread_out(cut(pieces, n, shortest)) for n in ladder] for ladder in lengths]
-        whole = problem
-        problem, refitted = _led(problem, refitted, ladders, structure, x, settings.n_jobs)
-        if problem is not whole:
-            length = problem.windows.length
-    before = problem
-    if settings.window is None and not (pace.forgets or pace.growth):
-        longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
-        problem, refitted = _lengthened(problem, refitted, spread_out(longer))
-    _check_finite(problem, refitted, finer)
-    return Beginning(problem, refitted, structure, pace, 0 if problem is before else length)
+        begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
+        if not (pace.forgets or pace.growth):
+            longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
+            begun = _lengthened(begun, spread_out(longer))
+    _check_finite(begun.problem, begun.refitted, finer)
+    return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
+
+
+def _as_it_stands(problem: Problem, structure: Structure, x: np.ndarray) -> Model:
+    """Return the simulator's nominal model, its initial states fitted from a guess along the states ``x``."""
+    x0 = guess_states(problem.simulator, problem.u, problem.y, problem.windows, structure, x)
+    return fit_initial_states(problem, x0).model
 
 
 def _finer_steps(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> str:
@@ -148,19 +156,22 @@ def centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
 
 
 def _led(
-    problem: Problem, refitted: Fit, ladders: list[list[Windows]], structure: Structure, x: np.ndarray, n_jobs
-) -> tuple[Problem, Fit]:
-    """Return the problem with the best of its fit and those to which ever longer windows led.
+    begun: _Fitted, pieces, shortest: int, structure: Structure, x: np.ndarray, n_jobs: int | None
+) -> _Fitted:
+    """Return the best of a fit and those to which ever longer windows led, up to the problem's own.
 
     Where the fit from afar lost its way, the problem is one over shorter windows.
     """
+    problem, refitted, length, _ = begun
+    lengths = [sorted({max(length // share, shortest) for share in shares}) for shares in SHORTER]
+    ladders = [[spread_out(cut(pieces, n, shortest)) for n in ladder] for ladder in lengths]
     grown = Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(_grown)(problem, shorter, structure, x) for shorter in ladders
     )
     best = min(refitted, *grown, key=lambda found: found.cost)
     if refitted.cost > TRAPPED * best.cost:
         return _shortened(problem, best, ladders[-1], structure, x)
-    return problem, best
+    return begun._replace(refitted=best)
 
 
 def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np.ndarray) -> Fit:
@@ -170,8 +181,7 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
     from it.
     """
     now = problem.over(shorter[0])
-    x0 = guess_states(now.simulator, now.u, now.y, now.windows, structure, x)
-    found = fit(now, fit_initial_states(now, x0).model)
+    found = fit(now, _as_it_stands(now, structure, x))
     for windows in (*shorter[1:], problem.windows):
         longer = problem.over(windows)
         found = fit(longer, found.model._replace(x0=states_at(now, found, windows)))
@@ -181,7 +191,7 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
 
 def _shortened(
     problem: Problem, found: Fit, shorter: list[Windows], structure: Structure, x: np.ndarray
-) -> tuple[Problem, Fit]:
+) -> _Fitted:
     """Return the problem over the longest windows in which a fit from afar finds its way, and its fit.
 
     Over longer ones effects would lose theirs too: what a machine that turns over makes of a small mistake is
@@ -190,25 +200,25 @@ def _shortened(
     for windows in reversed(shorter):
         part = problem.over(windows)
         led = fit(part, found.model._replace(x0=states_at(problem, found, windows)))
-        x0 = guess_states(part.simulator, part.u, part.y, windows, structure, x)
-        from_afar = fit(part, fit_initial_states(part, x0).model)
+        from_afar = fit(part, _as_it_stands(part, structure, x))
         if from_afar.cost <= TRAPPED * led.cost:
             break
-    return part, min(led, from_afar, key=lambda fitted: fitted.cost)
+    return _Fitted(part, min(led, from_afar, key=lambda fitted: fitted.cost), part.windows.length)
 
 
-def _lengthened(problem: Problem, found: Fit, windows: Windows) -> tuple[Problem, Fit]:
+def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
     """Return the problem over longer windows and its fit, where the run still follows the recording there.
 
     What an integrator adds up over a long window tells far more than the same samples cut into many short
     ones, each with initial states of its own; but far from the right parameters a long run is lost.
     """
+    problem, found, length, _ = begun
+    if windows.count >= problem.windows.count:
+        return begun
     longer = problem.over(windows)
-    if not windows.count or windows.count >= problem.windows.count:
-        return problem, found
     refitted = fit(longer, found.model._replace(x0=states_at(problem, found, windows)))
     share = residual_deviation(longer, refitted.residual) / np.nanstd(problem.y, axis=0)
-    return (longer, refitted) if np.all(share < FOLLOWS) else (problem, found)
+    return _Fitted(longer, refitted, windows.length, length) if np.all(share < FOLLOWS) else begun
 
 
 def states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
