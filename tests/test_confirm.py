@@ -8,8 +8,8 @@ from small_machines import axis_problem, friction, levels, make_circuit
 from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port

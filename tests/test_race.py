@@ -6,7 +6,7 @@ import pytest
 from narx_sklearn.discrepancy import ODESimulator, explain
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.explain import IN_REACH, refit_leaders
 from narx_sklearn.discrepancy.generic import curve_hypotheses
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses

@@ -9,7 +9,7 @@ from small_machines import make_axis
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.explain import refit_leaders, refit_pairs
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.noise import Noise

@@ -7,7 +7,7 @@ from small_machines import axis_problem, friction, levels, make_axis
 from narx_sklearn.discrepancy import ODESimulator, confirm, explain
 from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.inference import intervals

@@ -9,7 +9,7 @@ from small_machines import make_axis
 from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank, moved_for
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.explain import Step
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise

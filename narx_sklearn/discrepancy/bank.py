@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.refit import Fit, all_bounds
 
 TANGENT = 1e-2  # share of an ordinary size that is injected
 INVISIBLE = 1e-6  # squared share of a column left after projection, below which it says nothing of its own
+MOST_COLUMNS = 8  # that are fitted freely, to see the noise
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def moved_for(problem: Problem, fit: Fit, change: np.ndarray, index: np.ndarray)
     return fit.model.with_q(np.clip(q, lower, upper))
 
 
-def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[np.ndarray, int]:
+def flexible_residual(bank: Bank, n_samples: int) -> tuple[np.ndarray, int]:
     """Return what is left of the residual, (W, T), when the bank's best columns are fitted freely.
 
     Named right or wrong, they take the structure out; what remains shows the noise. Also returned is how
@@ -173,7 +174,7 @@ def flexible_residual(bank: Bank, n_samples: int, n_columns: int = 8) -> tuple[n
     plain, gram, use = bank.plain, bank.gram, bank.useful.copy()
     chosen: list[int] = []
     left = float(np.einsum("wt,wt->", bank.residual, bank.residual))
-    for _ in range(n_columns):
+    for _ in range(MOST_COLUMNS):
         rest, length = _after(plain, gram, chosen)
         worth = np.where(use & (length > 1e-6 * np.diag(gram)), rest**2 / np.maximum(length, 1e-300), 0.0)
         worth[chosen] = 0.0

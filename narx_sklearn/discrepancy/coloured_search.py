@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import CLEARER, clearer_noise, deviance
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.explain import FINE, Step, once_each, refit_leaders, refit_pairs, search
 from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.lookalikes import likeliest
@@ -26,8 +26,6 @@ FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong abo
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
 RIVALS = 3  # next best explanations that may be likelier, each under noise of its own
-# so sure that something is missing that no kind of effect is silent
-NONE_SILENT = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0, 0.0)
 
 
 class Searched(NamedTuple):
@@ -137,7 +135,7 @@ def _leading(
         return found
     nominal = fit_states(problem, refitted.model._replace(p=p))
     bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
-    placed = with_pushes(bank, settings.n_leaders, NONE_SILENT)
+    placed = with_pushes(bank, settings.n_leaders)
     found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
     return once_each(sorted(found, key=lambda c: c.criterion))
 

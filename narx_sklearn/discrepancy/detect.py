@@ -26,8 +26,11 @@ class Detection(NamedTuple):
     p_values: np.ndarray  # (n_columns,) adjusted for the maximum over the bank
     p_bank: float  # of the bank alone
     p_line: float  # of the strongest line in the residual
-    line_frequency: float  # of that line, cycles a sample
     p_scan: float  # of the best of the values that were scanned for
+
+
+# so sure that something is missing that no kind of effect is silent
+NONE_SILENT = Detection(np.zeros(0), 0.0, np.zeros(0), 0.0, 0.0, 0.0)
 
 
 def blocks_of(values: np.ndarray, n_outputs: int, length: int) -> np.ndarray:
@@ -78,13 +81,13 @@ def detect(
     """
     noise, used = flexible_residual(bank, n_samples)
     noise = noise * np.sqrt(n_samples / max(n_samples - n_fitted - used, 1))
-    frequency, p_line, _ = strongest_line(bank.residual, n_outputs)
+    p_line = strongest_line(bank.residual, n_outputs).p_value
     use = bank.useful & allowed
     length = block_length(*_times(bank, n_outputs))
     p_scan = 1.0 if tried is None else _scanned(bank, tried, noise, n_outputs, n_samples, length)
     t = np.zeros(bank.n_columns)
     if not use.any():
-        return Detection(t, min(p_line, p_scan), np.ones(bank.n_columns), 1.0, p_line, frequency, p_scan)
+        return Detection(t, min(p_line, p_scan), np.ones(bank.n_columns), 1.0, p_line, p_scan)
     products, spread = _products(bank, use, noise, n_outputs, n_samples, length)
     t[use] = np.abs(bank.plain[use]) / spread
     largest = flipped_maxima(products / spread, draws, np.random.default_rng(random_state))
@@ -92,7 +95,7 @@ def detect(
     above = draws - np.searchsorted(largest, t * (1 - 1e-9), side="left")
     p = np.where(use, (1.0 + above) / (1.0 + draws), 1.0)
     p_bank = float(p.min())
-    return Detection(t, min(p_bank, p_line, p_scan), p, p_bank, p_line, frequency, p_scan)
+    return Detection(t, min(p_bank, p_line, p_scan), p, p_bank, p_line, p_scan)
 
 
 def flipped_maxima(unit: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:

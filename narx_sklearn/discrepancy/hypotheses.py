@@ -160,15 +160,13 @@ def _is_speed(i: int, simulator: Simulator, structure: Structure) -> bool:
     return structure.partner[i] >= 0 or is_per_time(simulator.states[i].unit)
 
 
-def _is_odd(
-    effect: Effect, i: int, simulator: Simulator, structure: Structure, has_position: bool = False
-) -> bool:
+def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure, is_twist: bool) -> bool:
     """Tell whether an effect is of another kind of machine than a state equation.
 
     Motion is a state that another one integrates, or one counted per time; without units all is possible.
-    A spring needs a position, which a speed alone does not have.
+    A spring needs a position, which a speed alone does not have unless its argument is a twist.
     """
-    unit, has_position = simulator.states[i].unit, has_position or structure.partner[i] >= 0
+    unit, has_position = simulator.states[i].unit, is_twist or structure.partner[i] >= 0
     moves = _is_speed(i, simulator, structure) or not unit
     lacks_position = effect.argument == "position" and is_per_time(unit) and not has_position
     slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS

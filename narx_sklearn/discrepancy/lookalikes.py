@@ -192,7 +192,6 @@ def look_alikes(
     others: list[Candidate],
     tolerated: float,
     starts: Mapping[tuple, np.ndarray],
-    level: float = CLEARLY,
     unexplained: float = 0.0,
 ) -> list[Candidate]:
     """Return the candidates that are not clearly worse than the best, the best first.
@@ -250,7 +249,7 @@ def look_alikes(
             products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
             score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
             size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
-            stays = score < level * np.sqrt(max(np.sum(products**2), size))
+            stays = score < CLEARLY * np.sqrt(max(np.sum(products**2), size))
         if stays:
             kept.append(other)
     return kept

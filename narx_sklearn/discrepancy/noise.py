@@ -8,7 +8,7 @@ from scipy.linalg import LinAlgError, solve_toeplitz, solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-LONGEST = 6
+LONGEST = 6  # lags of an autoregression
 SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samples
 FORGOTTEN = 1e-6  # of its level a drift loses at least, twice a sample: else a window might begin anywhere
 GRID = 13  # values of it that are tried, evenly in the logarithm of its pace
@@ -181,7 +181,6 @@ def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarr
 def estimate_noise(
     residual: np.ndarray,
     seen: np.ndarray,
-    longest: int = LONGEST,
     *,
     may_drift: bool = True,
     price: float | None = None,
@@ -198,26 +197,26 @@ def estimate_noise(
     price : float, optional
         Of a coefficient, in units of the deviance; by default that of BIC.
     """
-    found = list(_best(residual, seen, longest, may_drift, price))
+    found = list(_best(residual, seen, may_drift, price))
     sigma = np.sqrt([max(variance, 1e-300) for _, _, _, variance in found])
     return Noise(tuple(a for _, a, _, _ in found), sigma, tuple(b for _, _, b, _ in found))
 
 
-def _best(residual, seen, longest: int, may_drift: bool, price: float | None):
+def _best(residual, seen, may_drift: bool, price: float | None):
     """Yield (criterion, a, b, variance) of the best noise model of each output."""
     for output in range(residual.shape[2]):
         r, known = residual[:, :, output], seen[:, :, output]
         each = np.log(max(known.sum(), 2)) if price is None else price
-        models = [_autoregression(r, known, longest, each)]
+        models = [_autoregression(r, known, each)]
         if may_drift:
             models.append(_with_moving_average(r, known, each))
         yield min(models, key=lambda found: found[0])
 
 
-def _autoregression(r: np.ndarray, known: np.ndarray, longest: int, price: float):
+def _autoregression(r: np.ndarray, known: np.ndarray, price: float):
     """Return (criterion, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations."""
     n = int(known.sum())
-    lags = range(min(longest, r.shape[1] - 1) + 1)
+    lags = range(min(LONGEST, r.shape[1] - 1) + 1)
     c = np.array([np.sum(r[:, lag:] * r[:, : r.shape[1] - lag]) for lag in lags])
     counts = np.array([np.sum(known[:, lag:] & known[:, : r.shape[1] - lag]) for lag in lags])
     c = c / np.maximum(counts, 1) * (1 - np.arange(c.size) / max(n, 2))

@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.confirm import LOAD, OFFSET
-from narx_sklearn.discrepancy.detect import Detection
+from narx_sklearn.discrepancy.detect import NONE_SILENT, Detection
 from narx_sklearn.discrepancy.placed import PlacedEffect
 
 STARTS = 2  # of one leader that are tried
@@ -105,13 +105,13 @@ def scaled(bank: Bank, column: int, strength: float) -> PlacedEffect:
     return placed.at(np.clip(theta, placed.bounds[:, 0], placed.bounds[:, 1]))
 
 
-def with_pushes(bank: Bank, n: int, detection: Detection) -> list[PlacedEffect]:
+def with_pushes(bank: Bank, n: int) -> list[PlacedEffect]:
     """Return the hypotheses with the largest gains, and every constant push and offset.
 
     Where little moves, or far from where a machine is, all effects are pushes, and those with more values may
     stand before them.
     """
-    placed = leaders(bank, len(bank.hypotheses), detection, 1.0)
+    placed = leaders(bank, len(bank.hypotheses), NONE_SILENT, 1.0)
     first = set(list(dict.fromkeys(effect.place for effect in placed))[:n])
     return [e for e in placed if e.place in first or e.effect.code in (LOAD, OFFSET)]
 

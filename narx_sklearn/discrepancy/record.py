@@ -60,9 +60,9 @@ def read_record(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
     return u, measured
 
 
-def read_inputs(X, simulator: Simulator, name: str = "X") -> np.ndarray:
+def read_inputs(X, simulator: Simulator) -> np.ndarray:
     """Return inputs as an array, in the order of the simulator's."""
-    u = read_columns(X, simulator.inputs, name, "input")
+    u = read_columns(X, simulator.inputs, "X", "input")
     return np.require(u, requirements=["C", "W"])
 
 

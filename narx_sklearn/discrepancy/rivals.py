@@ -7,7 +7,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT
+from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import refit_leaders
 from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.coloured_search import NONE_SILENT, Searched, converged, hypotheses_of
+from narx_sklearn.discrepancy.coloured_search import Searched, converged, hypotheses_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import FINE, IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
@@ -208,7 +208,7 @@ def _found_in(
     taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
-    placed = with_pushes(bank, LEADERS, NONE_SILENT)
+    placed = with_pushes(bank, LEADERS)
     found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
     if not found:
         return None

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-N_KNOTS = 7
+N_KNOTS = 7  # over the range of a signal, unless fewer are asked for
 NEAR_ZERO = 0.02  # of the range: a pair of knots this close to zero lets a curve jump or turn there
 
 
-def knots_of(signal: np.ndarray, n_knots: int = N_KNOTS) -> np.ndarray:
+def knots_of(signal: np.ndarray, n_knots: int) -> np.ndarray:
     """Return knots over the range of a signal, denser at zero; fewer than two for a constant signal."""
     low, high = np.nanquantile(signal, [0.002, 0.998])
     if not high - low > 1e-9 * max(abs(low), abs(high)):
@@ -32,7 +32,7 @@ def hats(signal: np.ndarray, n_knots: int = N_KNOTS) -> np.ndarray:
     return basis
 
 
-def additive_hats(signals: np.ndarray, n_knots: int = N_KNOTS) -> np.ndarray:
+def additive_hats(signals: np.ndarray) -> np.ndarray:
     """Return the hats of several signals side by side, the constant once."""
-    parts = [hats(column, n_knots) for column in signals.T]
+    parts = [hats(column) for column in signals.T]
     return np.column_stack([part if i == 0 else part[:, 1:] for i, part in enumerate(parts)])
