@@ -77,8 +77,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
             "Pass a longer record."
         )
-    spread = np.nanstd(y, axis=0)
-    problem = Problem(simulator, u, y, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
+    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y))
     settings.tell("fit of the simulator's own parameters")
     refitted = fit(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
     begun = _Fitted(problem, refitted, length)

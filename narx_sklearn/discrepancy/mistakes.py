@@ -135,9 +135,7 @@ def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreem
     """
     simulator, windows = case.simulator, case.windows
     n_outputs = case.y.shape[1]
-    spread = np.nanstd(case.y, axis=0)
-    spread = np.where(spread > 0, spread, 1.0)
-    noise = Noise.white(spread)
+    noise = Noise.as_large_as(case.y)
     model = start or Model(simulator.nominal, simulator.effects, _first_states(case))
     affine = Affine(np.zeros(n_outputs), np.ones(n_outputs))
     problem = Problem(simulator, case.u, case.y, windows, noise)
@@ -157,7 +155,7 @@ def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreem
     if scaled:
         affine = _regress(case.y, y_sim, problem.seen, problem.rows)
     predicted = affine.apply(y_sim)
-    left = np.where(problem.seen, (case.y - predicted)[problem.rows] / spread, 0.0)
+    left = np.where(problem.seen, (case.y - predicted)[problem.rows] / noise.sigma, 0.0)
     return Agreement((left**2).sum(axis=(1, 2)), int(problem.seen.sum()), affine, predicted, model)
 
 

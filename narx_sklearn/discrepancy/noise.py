@@ -33,6 +33,15 @@ class Noise(NamedTuple):
         """Return white noise."""
         return cls(tuple(np.zeros(0) for _ in sigma), np.asarray(sigma, dtype=float))
 
+    @classmethod
+    def as_large_as(cls, signals: np.ndarray) -> "Noise":
+        """Return white noise as large as signals (n_samples, n_outputs) spread, 1 where one is constant.
+
+        Under it each output counts for as much, in whatever unit; NaN is skipped.
+        """
+        spread = np.nanstd(signals, axis=0)
+        return cls.white(np.where(spread > 0, spread, 1.0))
+
     @property
     def order(self) -> int:
         """Longest memory of the autoregression, samples."""

@@ -299,8 +299,7 @@ def starting_states(twin: Simulator, u: np.ndarray, own: np.ndarray, windows: Wi
 
 def as_record(twin: Simulator, u: np.ndarray, own: np.ndarray, windows: Windows) -> Problem:
     """Return the problem of fitting a twin to a simulator's own output."""
-    spread = np.nanstd(own, axis=0)
-    return Problem(twin, u, own, windows, Noise.white(np.where(spread > 0, spread, 1.0)))
+    return Problem(twin, u, own, windows, Noise.as_large_as(own))
 
 
 def _separated(pairs):

@@ -81,8 +81,7 @@ def initial_state(
         What effects remember; without it they begin at rest.
     """
     stop = min(piece.start + n, piece.stop)
-    sigma = np.nanstd(y[piece.start : stop], axis=0)
-    noise = Noise.white(np.where(sigma > 0, sigma, 1.0))
+    noise = Noise.as_large_as(y[piece.start : stop])
     known = simulator.known_states(u, y, np.array([piece.start]))[0]
     fewest = 2 * (int(simulator.free_states.sum()) + 1)
     quarter = min(piece.start + max((stop - piece.start) // 4, fewest), stop)
