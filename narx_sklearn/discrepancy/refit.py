@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.linearise import linearise
-from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
-from narx_sklearn.discrepancy.simulator import Run, Windows
+from narx_sklearn.discrepancy.simulator import Run
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
 ITERATIONS = 25
@@ -258,24 +257,6 @@ def _windows_apart(
 def fit_states(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Fit:
     """Fit the windows' initial states alone, the global parameters as they are."""
     return fit(problem, model, free=np.zeros(model.q.size, dtype=bool), iterations=iterations)
-
-
-def fit_free_run(problem: Problem, model: Model, *, iterations: int = ITERATIONS) -> Model:
-    """Fit a model to the free run over whole stretches of the record, every sample's error counted alike.
-
-    Short windows and whitening are right for finding out what is missing. Where something small stays
-    missing, they leave its slow part to the initial states and to the noise, and a long run drifts; this fit
-    spreads it. The model is returned as it came where the long run leaves the finite range.
-    """
-    windows = problem.windows
-    first = np.flatnonzero(windows.fresh)
-    last = np.append(first[1:], windows.count) - 1
-    whole = Windows(windows.first[first], windows.last[last], windows.fresh[first], windows.began[first])
-    spread = np.nanstd(problem.y, axis=0)
-    noise = Noise.white(np.where(spread > 0, spread, 1.0))
-    start = model._replace(x0=model.x0[first])
-    found = fit(Problem(problem.simulator, problem.u, problem.y, whole, noise), start, iterations=iterations)
-    return found.model if np.isfinite(found.cost) else start
 
 
 def _attempt(problem: Problem, model: Model) -> Attempt:
