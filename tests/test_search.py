@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import leaders
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
@@ -224,6 +225,20 @@ class TestLimits:
         assert ripple.domain[1].tolist() == [0.0, np.inf]
 
 
+def settings_of(max_effects, n_leaders):
+    """Return settings of a search that is told its hypotheses."""
+    return Settings(
+        effects=(),
+        alpha=0.01,
+        max_effects=max_effects,
+        n_leaders=n_leaders,
+        window=None,
+        random_state=0,
+        n_jobs=None,
+        tell=lambda stage: None,
+    )
+
+
 class TestSearch:
     @pytest.fixture
     def found(self, monkeypatch):
@@ -249,8 +264,7 @@ class TestSearch:
                 return found
 
             monkeypatch.setattr(explain, "refit_leaders", sometimes_barren)
-            limits = {"alpha": 0.01, "max_effects": 3, "n_leaders": 8}
-            return explain.search(problem, base, hypotheses, random_state=0, **limits), singles
+            return explain.search(problem, base, hypotheses, settings_of(3, 8)), singles
 
         return search
 
@@ -289,8 +303,7 @@ class TestSearch:
             return [float(beside_drift and is_noise)] * len(some)
 
         monkeypatch.setattr(confirm, "chances", chances)
-        limits = {"alpha": 0.01, "max_effects": 2, "n_leaders": 4}
-        steps = explain.search(problem, base, hypotheses, random_state=0, **limits)
+        steps = explain.search(problem, base, hypotheses, settings_of(2, 4))
         built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]
         assert ["coulomb_friction", "additive_drift"] in built
         assert (["additive_drift", "coulomb_friction"] in built) is not is_noise

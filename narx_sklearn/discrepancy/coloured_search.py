@@ -148,18 +148,10 @@ def _steps(
     dominated: bool,
     known: list[Candidate],
 ) -> list[Step]:
-    return search(
-        problem,
-        refitted,
-        lambda found: hypotheses_of(problem, found, structure, settings),
-        alpha=settings.alpha,
-        max_effects=settings.max_effects,
-        n_leaders=settings.n_leaders,
-        random_state=settings.random_state,
-        n_jobs=settings.n_jobs,
-        dominated=dominated,
-        known=known,
-    )
+    def make_hypotheses(found: Fit) -> list[Hypothesis]:
+        return hypotheses_of(problem, found, structure, settings)
+
+    return search(problem, refitted, make_hypotheses, settings, dominated=dominated, known=known)
 
 
 def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: Settings) -> list[Hypothesis]:

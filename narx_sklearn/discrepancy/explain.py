@@ -1,6 +1,6 @@
 """Which physics is missing: refit what leads, alone and in pairs, and add one effect after another."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +10,13 @@ from narx_sklearn.discrepancy.bank import Bank, entered, make_bank
 from narx_sklearn.discrepancy.candidate import Candidate, odd
 from narx_sklearn.discrepancy.confirm import Trial, confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.detect import Detection, detect
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.ranking import Pair, gains, leaders, pairs
 from narx_sklearn.discrepancy.refit import Fit, fit
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.valleys import other_valleys
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
@@ -230,13 +232,9 @@ def once_each(candidates: list[Candidate]) -> list[Candidate]:
 def search(
     problem: Problem,
     base: Fit,
-    make_hypotheses,
+    make_hypotheses: Callable[[Fit], list[Hypothesis]],
+    settings: Settings,
     *,
-    alpha: float,
-    max_effects: int,
-    n_leaders: int,
-    random_state=None,
-    n_jobs=None,
     dominated: bool = False,
     known: Sequence[Candidate] = (),
 ) -> list[Step]:
@@ -247,36 +245,32 @@ def search(
     set takes it, the next best is built on, and the best without each of its older members (a floating
     search: Pudil, Novovicova and Kittler 1994). Two effects enter at once where they promise what neither
     does. Beside another effect, before or after it, none is named at a place where one does not meet it.
-    ``known`` are single effects and pairs that were fitted before.
+
+    Parameters
+    ----------
+    make_hypotheses : callable
+        Returns what may be missing beside a fitted model.
+    dominated : bool
+        Whether the residual is mostly structure, of which tangents tell little, so that the fits decide.
+    known : sequence of Candidate
+        Single effects and pairs that were fitted before.
     """
+    alpha = settings.alpha
     beam = [Candidate(base, problem.n_seen)]
     steps: list[Step] = []
-    for _ in range(max_effects + 1):
+    for _ in range(settings.max_effects + 1):
         pool: list[Candidate] = []
         for rank, candidate in enumerate(beam):
-            hypotheses = [
-                h._replace(asked=h.asked and not (h.placed.odd and candidate.effects))
-                for h in make_hypotheses(candidate.fit)
-                if h.placed.place not in candidate.places
-            ]
-            bank = make_bank(problem, candidate.fit, hypotheses, n_jobs)
-            detection = probe(problem, candidate.fit, bank, random_state)
-            bank = bank.without_columns()
+            bank, detection = _probed(problem, candidate, make_hypotheses(candidate.fit), settings)
             if dominated and not candidate.effects:
                 detection = _left_to_the_fits(detection)
-            full = len(candidate.effects) >= max_effects
+            full = len(candidate.effects) >= settings.max_effects
             silent = rank == 0 and detection.p_value > alpha
-            placed = [] if full or silent else leaders(bank, n_leaders, detection, alpha)
-            before = () if candidate.effects else known
-            alone = [c for c in before if len(c.effects) == 1]
-            found = refit_leaders(problem, candidate.fit, placed, n_jobs, known=alone)
-            if placed and len(candidate.effects) + 2 <= max_effects:
-                both = [c for c in before if len(c.effects) == 2]
-                found += refit_pairs(problem, candidate.fit, bank, found, n_leaders, n_jobs, known=both)
-            found = sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
+            placed = [] if full or silent else leaders(bank, settings.n_leaders, detection, alpha)
+            found = _added(problem, candidate, bank, placed, () if candidate.effects else known, settings)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
-                trial = Trial(problem, candidate, bank, n_jobs, random_state)
+                trial = Trial(problem, candidate, bank, settings.n_jobs, settings.random_state)
                 detection, found = confirmed(trial, found, detection, alpha)
                 found = found if detection.p_value <= alpha else []
             if rank == 0:
@@ -296,6 +290,38 @@ def search(
         if not beam:
             break
     return steps
+
+
+def _probed(
+    problem: Problem, candidate: Candidate, hypotheses: Sequence[Hypothesis], settings: Settings
+) -> tuple[Bank, Detection]:
+    """Return what may be missing beside a set as a bank, its columns left out, and the test over it."""
+    others = [
+        h._replace(asked=h.asked and not (h.placed.odd and candidate.effects))
+        for h in hypotheses
+        if h.placed.place not in candidate.places
+    ]
+    bank = make_bank(problem, candidate.fit, others, settings.n_jobs)
+    detection = probe(problem, candidate.fit, bank, settings.random_state)
+    return bank.without_columns(), detection
+
+
+def _added(
+    problem: Problem,
+    candidate: Candidate,
+    bank: Bank,
+    placed: list[PlacedEffect],
+    known: Sequence[Candidate],
+    settings: Settings,
+) -> list[Candidate]:
+    """Return the sets with one or two effects more that are better than a set, best first."""
+    base, n_jobs = candidate.fit, settings.n_jobs
+    alone = [c for c in known if len(c.effects) == 1]
+    found = refit_leaders(problem, base, placed, n_jobs, known=alone)
+    if placed and len(candidate.effects) + 2 <= settings.max_effects:
+        both = [c for c in known if len(c.effects) == 2]
+        found += refit_pairs(problem, base, bank, found, settings.n_leaders, n_jobs, known=both)
+    return sorted((c for c in found if c.criterion < candidate.criterion), key=lambda c: c.criterion)
 
 
 def _left_to_the_fits(detection: Detection) -> Detection:
