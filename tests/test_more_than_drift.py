@@ -125,7 +125,18 @@ class TestMoreThanDrift:
 class TestOffsetThatDidNotStay:
     def diagnosis(self, axis, best, *rivals, verdict="ambiguous"):
         found = Diagnosis(
-            verdict, axis[0], None, axis[1], axis[1], best, (0,), (rivals,), 0.0, 1.0, (), 1.0, np.inf, None
+            verdict=verdict,
+            problem=axis[0],
+            structure=None,
+            nominal=axis[1],
+            refitted=axis[1],
+            best=best,
+            order=(0,),
+            alternatives=(rivals,),
+            p_missing=0.0,
+            steps=(),
+            followed_for=np.inf,
+            stretches=None,
         )
         return found.as_drift
 

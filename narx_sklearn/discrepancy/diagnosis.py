@@ -49,9 +49,7 @@ class Diagnosis:
     order: tuple[int, ...]  # of its effects: those first that explain most
     alternatives: tuple[tuple[Candidate, ...], ...]  # what could stand in the place of each of its effects
     p_missing: float
-    p_moved: float
     steps: tuple[Step, ...]
-    time_constant: float
     followed_for: float  # samples for which a run follows the machine; infinite where nothing grows
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
@@ -156,23 +154,21 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
         best, alternatives, against_noise = unnamed, ((),), ()
     return Diagnosis(
-        verdict,
-        problem,
-        structure,
-        nominal,
-        refitted,
-        best,
-        by_weight(problem, best, searched.pool),
-        alternatives,
-        p_missing,
-        p_moved,
-        tuple(steps),
-        pace.time_constant,
-        followed_for(simulator, pace),
-        stretches,
-        twin_misses_more,
-        against_noise,
-        lengthened_from,
+        verdict=verdict,
+        problem=problem,
+        structure=structure,
+        nominal=nominal,
+        refitted=refitted,
+        best=best,
+        order=by_weight(problem, best, searched.pool),
+        alternatives=alternatives,
+        p_missing=p_missing,
+        steps=tuple(steps),
+        followed_for=followed_for(simulator, pace),
+        stretches=stretches,
+        twin_misses_more=twin_misses_more,
+        against_noise=against_noise,
+        lengthened_from=lengthened_from,
     )
 
 

@@ -247,14 +247,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if np.isfinite(steps).any():  # seen in the values themselves, so it need not be looked for
             effects = tuple(effect for effect in effects if effect.code != "quantisation")
         settings = Settings(
-            effects,
-            float(self.alpha),
-            int(self.max_effects),
-            int(self.n_leaders),
-            self.window,
-            self.random_state,
-            self.n_jobs,
-            self._tell,
+            effects=effects,
+            alpha=float(self.alpha),
+            max_effects=int(self.max_effects),
+            n_leaders=int(self.n_leaders),
+            window=self.window,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            tell=self._tell,
         )
         spikes = self._spikes(simulator, u, measured, sessions, settings)
         self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
