@@ -1,14 +1,12 @@
 """What effects add along a run: their forces and corrections, sample by sample."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
 from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
 
 
@@ -144,7 +142,7 @@ def correction(
 
 def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return the unit of what an effect adds: a state's rate (the state, in a map), an input, an output."""
-    unit = _signals(placed, simulator)[placed.port.index].unit
+    unit = _signal(placed.port, simulator).unit
     if placed.through >= 0:
         return simulator.inputs[placed.through].unit
     if placed.inertial:
@@ -159,21 +157,16 @@ def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
     if placed.through >= 0:
         return f"added to {simulator.inputs[placed.through].name}"
     if placed.inertial:
-        return f"added to the acceleration of {_signals(placed, simulator)[placed.port.index].name}"
+        return f"added to the acceleration of {_signal(placed.port, simulator).name}"
     rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""
-    return f"added to {rate}{_signals(placed, simulator)[placed.port.index].name}"
+    return f"added to {rate}{_signal(placed.port, simulator).name}"
 
 
-def _signals(placed: PlacedEffect, simulator: Simulator) -> Sequence:
-    return {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[
-        placed.port.kind
-    ]
+def _signal(port: Port, simulator: Simulator) -> Signal:
+    return simulator.signals_at(port.kind)[port.index]
 
 
 def port_in_words(port: Port, simulator: Simulator) -> str:
     """Return where a port is: "in the equation of velocity", "on the input drive"."""
-    kind, index = port
-    if kind == "state":
-        return f"in the equation of {simulator.states[index].name}"
-    signal = (simulator.inputs if kind == "input" else simulator.outputs)[index]
-    return f"on the {kind} {signal.name}"
+    name = _signal(port, simulator).name
+    return f"in the equation of {name}" if port.kind == "state" else f"on the {port.kind} {name}"

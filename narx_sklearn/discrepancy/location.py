@@ -180,13 +180,12 @@ def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataF
     simulator, fit = diagnosis.problem.simulator, diagnosis.best.fit
     placed, own = fit.model.effects[index], fit.model.theirs[index]
     acts_in, (kind, at) = placed.effect.acts_in, placed.port
-    named = {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[kind]
     if kind == "state":
         weights = np.array(placed.weights)
         if np.count_nonzero(weights) != 1 or weights.max() != 1.0:
             return None
         at = int(np.argmax(weights))
-    feature = str(named[at])
+    feature = str(simulator.signals_at(kind)[at])
     if acts_in is None or feature not in table:
         return None
     theta = np.array(placed.theta[: len(placed.effect.parameters)])

@@ -140,6 +140,10 @@ class Simulator(ABC):
         """Bounds of the parameters, shape (n_parameters, 2)."""
         return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
 
+    def signals_at(self, kind: str) -> tuple[Signal, ...]:
+        """Return the signals at the ports of one kind, ``"input"``, ``"state"`` or ``"output"``."""
+        return {"input": self.inputs, "state": self.states, "output": self.outputs}[kind]
+
     def with_parameters(self, values) -> Self:
         """Return a copy with other values: a mapping by names, with or without units, or all in order.
 

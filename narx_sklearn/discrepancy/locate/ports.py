@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.physics.effects import PORTS
 
 FEWEST_BLOCKS = 20  # stretches whose log likelihoods are compared in pairs
 TIED = 0.05  # a port stays tied with the best until the difference is this improbable
@@ -31,8 +32,7 @@ def ports_of(simulator: Simulator) -> tuple[Port, ...]:
     tuple of Port
         Inputs first, outputs last.
     """
-    counts = {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}
-    return tuple(Port(kind, i) for kind, signals in counts.items() for i in range(len(signals)))
+    return tuple(Port(kind, i) for kind in PORTS for i in range(len(simulator.signals_at(kind))))
 
 
 def latent_forces(
@@ -172,9 +172,7 @@ def _as_good(differences: np.ndarray) -> float:
 
 
 def _name(simulator: Simulator, port: Port) -> tuple[str, str]:
-    signal = {"input": simulator.inputs, "state": simulator.states, "output": simulator.outputs}[port.kind][
-        port.index
-    ]
+    signal = simulator.signals_at(port.kind)[port.index]
     if port.kind == "state" and not simulator.discrete:
         return f"rate of {signal.name}", tidy_unit(f"{signal.unit or 1}/s")
     return signal.name, signal.unit
