@@ -6,9 +6,8 @@ import pytest
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import NARXSimulator
 from narx_sklearn.discrepancy.acting import correction_name, correction_unit, state_forces
-from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulator import Windows, evaluate
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE
 

@@ -3,10 +3,9 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
-from narx_sklearn.discrepancy.linearise import evaluate
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator, Windows
+from narx_sklearn.discrepancy.simulator import Run, Signal, Simulator, Windows, evaluate
 from narx_sklearn.discrepancy.units import tidy_unit
 
 

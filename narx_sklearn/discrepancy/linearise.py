@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from narx_sklearn.discrepancy.kernels import equation_address, write_values
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulator import Simulator, evaluate
 
 STEP = 6e-6  # relative step of central differences: the cube root of the rounding unit
 ROOM_FOR_ROUNDING = 1e-7  # of a rate's own summands, that a state counts as resting
@@ -19,18 +18,6 @@ class Linearisation(NamedTuple):
     B: np.ndarray  # (n_states, n_inputs) df/du
     C: np.ndarray  # (n_outputs, n_states) dh/dx
     D: np.ndarray  # (n_outputs, n_inputs) dh/du
-
-
-def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray]:
-    """Return right-hand side, shape (n_states,), and output, shape (n_outputs,), at one point."""
-    p = simulator._coefficients(simulator.nominal if p is None else np.asarray(p, dtype=float))
-    x, u, p = (np.array(v, dtype=float) for v in (x, u, p))
-    rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
-    equation, output = simulator._equations()
-    write_values(equation_address(equation), x, u, p, rates)
-    seen = np.concatenate([x, rates]) if simulator.sees_rates else x
-    write_values(equation_address(output), seen, u, p, outputs)
-    return rates, outputs
 
 
 def central_differences(function, at: np.ndarray, steps: np.ndarray) -> np.ndarray:

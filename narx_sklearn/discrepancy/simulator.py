@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy.kernels import (
     equation_address,
     force_address,
     simulate_windows,
+    write_values,
 )
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
 from narx_sklearn.discrepancy.switches import Switches
@@ -339,6 +340,18 @@ class Simulator(ABC):
             )
 
 
+def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return right-hand side (n_states,) and output (n_outputs,) at one point, effects not counted."""
+    p = simulator._coefficients(simulator.nominal if p is None else np.asarray(p, dtype=float))
+    x, u, p = (np.array(v, dtype=float) for v in (x, u, p))
+    rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
+    equation, output = simulator._equations()
+    write_values(equation_address(equation), x, u, p, rates)
+    seen = np.concatenate([x, rates]) if simulator.sees_rates else x
+    write_values(equation_address(output), seen, u, p, outputs)
+    return rates, outputs
+
+
 def _time_of(k: int, windows: Windows, dt: float) -> str:
     """Return a sample's time since its session began, as text."""
     w = max(int(np.searchsorted(windows.first, k, side="right")) - 1, 0)
@@ -394,7 +407,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 
 
-def _transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
+def transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
     """Return signals with the effects at ports of one kind applied, session by session."""
     return _applied(signals, kind, effects, strength, driven, dt, windows)[0]
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.linearise import central_differences, evaluate
+from narx_sklearn.discrepancy.linearise import central_differences
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Signal, Simulator
+from narx_sklearn.discrepancy.simulator import Signal, Simulator, evaluate
 from narx_sklearn.discrepancy.units import scale_to
 
 POINTS = 6  # states of the run at which derivatives are compared

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.motion import identify_motion
 from narx_sklearn.discrepancy.narx_simulator import NARXSimulator
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, _transformed
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, transformed
 from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.stores import identify_stores
 from narx_sklearn.discrepancy.trace_fit import read_trace
@@ -248,7 +248,7 @@ class TwinSimulator(Simulator):
         pairs = list(zip(effects, strength, strict=True))
         within = [pair for pair in pairs if pair[0].port.kind != "output"]
         pieces = finite_slices(_sessions(windows, u.shape[0]), finite_rows(u))
-        driven = _transformed(u, "input", effects, strength, None, self.dt, Windows.whole(pieces))
+        driven = transformed(u, "input", effects, strength, None, self.dt, Windows.whole(pieces))
         if self.twin_ is None:
             if any(effect.port.kind == "state" for effect in effects):
                 self._stepped()
@@ -258,7 +258,7 @@ class TwinSimulator(Simulator):
             run = super().run(u, windows, x0, p, *_separated(within))
             if self._corrected:
                 run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
-        return run._replace(y=_transformed(run.y, "output", effects, strength, driven, self.dt, windows))
+        return run._replace(y=transformed(run.y, "output", effects, strength, driven, self.dt, windows))
 
     def missed(self, u, windows: Windows) -> np.ndarray:
         """Return what the twin gets wrong of the simulator's own output, (n_samples, n_outputs)."""

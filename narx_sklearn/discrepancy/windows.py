@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.linearise import central_differences, evaluate
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.linearise import central_differences
+from narx_sklearn.discrepancy.simulator import Simulator, Windows, evaluate
 
 WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
 FEWEST = 4

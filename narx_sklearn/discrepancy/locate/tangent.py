@@ -7,7 +7,7 @@ from numba import njit
 
 from narx_sklearn.discrepancy.kernels import MAX_EFFECTS
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, _transformed
+from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, transformed
 from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
 
 RELATIVE_STEP = 1e-5  # near the cube root of the rounding unit, best for central differences
@@ -89,7 +89,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     """
     n_states, n_inputs, n_outputs = len(simulator.states), len(simulator.inputs), len(simulator.outputs)
     p = simulator.nominal if p is None else np.asarray(p, dtype=float)
-    driven = _transformed(
+    driven = transformed(
         u, "input", simulator.effects, np.ones(len(simulator.effects)), None, simulator.dt, windows
     )
     at_rest = tuple(e for e in simulator.effects if e.port.kind == "state" and e.effect.memoryless)
@@ -186,7 +186,7 @@ def _sensor_slopes(simulator, sensors, raw, driven, windows):
     for effect in sensors:
         step = _steps(raw)[effect.port.index]
         low, here, high = (
-            _transformed(raw + move, "output", (effect,), (1.0,), driven, simulator.dt, windows)
+            transformed(raw + move, "output", (effect,), (1.0,), driven, simulator.dt, windows)
             for move in (-step, 0.0, step)
         )
         yield effect, (high - low)[:, effect.port.index] / (2 * step)
