@@ -4,6 +4,7 @@ The rules are read off the source, so a new module is held to them the day it ap
 """
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,6 +92,34 @@ def test_imports_go_only_downwards(module):
         assert same_room or FLOORS[other] < FLOORS[room], (
             f"line {node.lineno}: {room} (floor {FLOORS[room]}) imports {other} (floor {FLOORS[other]})"
         )
+
+
+@pytest.mark.parametrize("room", ["discrepancy", "discrepancy/locate", "physics/effects"])
+def test_the_map_of_a_large_room_names_all_its_modules(room):
+    told = ast.get_docstring(parse(Path(room, "__init__.py")))
+    inside = {path.stem for path in (PACKAGE / room).glob("*.py")} - {"__init__"}
+    assert {name for name in inside if f"``{name}``" not in told} == set()
+    rooms = {path.name for path in (PACKAGE / room).iterdir()}
+    named = set(re.findall(r"``(\w+)``", told))
+    assert {name for name in named if name not in inside | rooms} == set(), "of what is no more"
+
+
+def test_paragraphs_of_the_map_of_the_diagnosis_use_later_ones_alone():
+    told = ast.get_docstring(parse(Path("discrepancy", "__init__.py")))
+    paragraphs = re.split(r"\n(?=\w.*\n    )", told)
+    at = {name: i for i, words in enumerate(paragraphs) for name in re.findall(r"``(\w+)``", words)}
+    for module in (
+        path
+        for path in MODULES
+        if room_of(path.parts) == "discrepancy" and path.parts[1:] != ("__init__.py",)
+    ):
+        own = room_of(module.parts[1:])
+        used = {
+            name.split(".")[2]
+            for _, name in imports(parse(module))
+            if name.startswith(f"{NAME}.discrepancy.")
+        }
+        assert {other for other in used if at[other] < at[own]} == set(), f"{own} uses what stands before it"
 
 
 @per_module
