@@ -15,10 +15,10 @@ from narx_sklearn.discrepancy.hypotheses import Argument, Hypothesis, arguments,
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.structure import Structure
-from narx_sklearn.physics.effects import Effect, EffectParameter
+from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
 from narx_sklearn.physics.effects._series import time_since
 
-KNOTS = 7
+KNOTS = 7  # of a broken line
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
 LINE, PULSE = "unnamed_line", "unnamed_pulse"
 UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE)
@@ -232,7 +232,7 @@ def _unnamed(
         sentence=SENTENCES[code],
         equation=equation,
         parameters=(*(EffectParameter(name, unit) for name in names), *fixed),
-        starts=_none,
+        starts=no_start,  # they are told here, not taken from a setting
         force=force,
         transform=transforms.get(code),
         amplitude=None,
@@ -240,9 +240,5 @@ def _unnamed(
     placed = placed_at(effect, port, argument)
     scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
     starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
-    none = np.zeros(len(starts))
-    return Hypothesis(placed.at(np.r_[np.zeros(n), scale]), starts, none.astype(bool), none)
-
-
-def _none(setting):
-    return np.empty((0, KNOTS + 2))
+    begun = placed.at(np.r_[np.zeros(n), scale])
+    return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))

@@ -18,10 +18,11 @@ from numba.core import cgutils
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
+from narx_sklearn.physics.effects._effect import MAX_MEMORY
+
 MAX_EFFECTS = 4  # effects that act at state equations at the same time
 MAX_THETA = 16  # parameters of one effect; the last one is the share that spills onward
 SPILL = MAX_THETA - 1
-MAX_MEMORY = 12  # states of one effect's own (play operators of a Prandtl-Ishlinskii model)
 AT_ONCE = 1e-6  # of a step
 NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides
 FINER = 8  # parts of a step in which a motion comes to rest, or turns about

@@ -10,8 +10,8 @@ PORTS = ("input", "state", "output")  # as a signal goes through a machine
 ARGUMENTS = ("none", "own", "position", "any")
 MET_ON = ("anything", "motion", "surfaces", "levels")
 SECONDS = (None, "input", "channel", "drive", "feed")
-MAX_PARAMETERS = 7  # the simulators' kernel keeps an eighth place for the share that spills onward
-MAX_MEMORY = 12  # states of one effect's own that the simulators' kernel holds
+MAX_PARAMETERS = 7  # of an entry; the simulators' kernel has room for more, which curves without a name take
+MAX_MEMORY = 12  # states of one effect's own; those of a Prandtl-Ishlinskii effect are eleven
 
 
 class EffectParameter(NamedTuple):

@@ -141,7 +141,7 @@ def _prandtl_ishlinskii_transform(signal, second, dt, theta, first):
 def _prandtl_ishlinskii_starts(setting: Setting) -> np.ndarray:
     half = 0.5 * np.diff(quantiles(setting.argument, [0.0, 1.0]))[0]
     if not half > 0:
-        return np.empty((0, 3))
+        return np.empty((0, 4))
     rows = grid([1.0], np.array([0.3, 1.0, 2.0]) * half, [0.0], [0.0])
     return scaled(setting, rows, _added(setting, _prandtl_ishlinskii_transform))
 
