@@ -521,21 +521,19 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         """Hold out the ends of the pieces, or the beginnings where something shows at the ends only."""
         return hold_out(pieces_of(u, sessions), self.test_fraction, beginnings=self._late_only)
 
-    def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
+    def _store_fit(self, diagnosis: Diagnosis) -> None:
+        """Store what was found on the fitting windows, and where."""
         self._diagnosis = diagnosis
         self.verdict_ = diagnosis.verdict
         self.p_value_ = diagnosis.p_missing
-        fit = diagnosis.best.fit
-        simulator = diagnosis.problem.simulator
+        fit, problem = diagnosis.best.fit, diagnosis.problem
+        simulator = problem.simulator
         self.refitted_simulator_ = simulator.with_parameters(diagnosis.refitted.model.p)
         corrected = simulator.with_parameters(fit.model.p).with_effects(fit.model.effects)
-        if diagnosis.verdict == "consistent":
-            corrected = simulator
-        self.simulator_ = corrected
-        lengths = diagnosis.problem.windows.last - diagnosis.problem.windows.first
-        self._n_init = int(max(8 * (len(simulator.states) + 1), min(np.median(lengths) // 2, 200)))
+        self.simulator_ = simulator if diagnosis.verdict == "consistent" else corrected
+        self._n_init = int(max(8 * (len(simulator.states) + 1), min(problem.windows.length // 2, 200)))
         self._guess = fit.model.x0[self._nearest]
-        self._lead = Lead(diagnosis.problem.windows, fit.model.x0)
+        self._lead = Lead(problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
         self._tell("location")
         self.location_ = locate(diagnosis, self.random_state, self.n_jobs)
@@ -544,34 +542,36 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.findings_ = make_findings(diagnosis, self.level, simulator, likeliest)
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
-            for signal, sigma, a, b in zip(
+            for signal, sigma, (a, b) in zip(
                 simulator.outputs,
-                diagnosis.problem.noise.sigma,
-                diagnosis.problem.noise.coefficients,
-                diagnosis.problem.noise.average or [0.0] * len(simulator.outputs),
+                problem.noise.sigma,
+                map(problem.noise.colour, range(len(simulator.outputs))),
                 strict=True,
             )
         }
         nothing = confidence_in_nothing(diagnosis.p_missing)
         self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
+
+    def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
+        """Store a diagnosis and what held-out samples say of it, and take back what they refute."""
+        self._store_fit(diagnosis)
         self._tell("verification on held-out samples")
         self.scores_ = self._verify(u, y, held_out)
         held = self._on_held_out(held_out) if self.findings_ else None
+        best = diagnosis.best
         self._left_there = self._left_over_there(held) if held else 1.0
-        self._not_confirmed = held is not None and held.is_silent(fit.cost / diagnosis.best.n_samples)
+        self._not_confirmed = held is not None and held.is_silent(best.fit.cost / best.n_samples)
         if held and self._harms(held):
-            ended = only_where_fitted(diagnosis.problem, diagnosis.best)
-            if ended is not None:  # what began may have ended since
-                self._store(replace(diagnosis, best=ended), u, y, held_out)
-                return
-            drifting = diagnosis.as_drift
-            if drifting is not None:  # an offset would have stayed
-                self._store(drifting, u, y, held_out)
+            # what began may have ended since; an offset would have stayed
+            ended = only_where_fitted(diagnosis.problem, best)
+            milder = diagnosis.as_drift if ended is None else replace(diagnosis, best=ended)
+            if milder is not None:
+                self._store(milder, u, y, held_out)
                 return
             # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
             # drifts, or acted when the fit ended: nobody can foresee its course, or when it ends
             self.simulator_ = self.refitted_simulator_
-            if self.findings_[0].effect != DRIFT and not diagnosis.best.given:
+            if self.findings_[0].effect != DRIFT and not best.given:
                 self.verdict_ = "unknown"
         elif self._left_there > STANDS_IN:
             self.verdict_ = "unknown"
