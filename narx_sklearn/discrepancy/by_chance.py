@@ -15,7 +15,7 @@ from sklearn.utils import check_random_state
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.restricted import Contrasts, paces, walk
 
-DRAWS = 100
+DRAWS = 100  # of noise: their mean is known to a tenth of their spread
 GRID = 8  # paces of a drift that are tried, evenly in the logarithm
 BEFORE = 1000  # samples by which noise that does not drift began before the first
 

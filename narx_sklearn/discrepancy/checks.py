@@ -31,7 +31,7 @@ SAMPLES_A_NUMBER = 10  # samples for each number that is fitted, at least
 REST = 1e-9  # relative spread below which a signal counts as constant
 HELD_RUN = 10  # equal rows in a row that count as rest and not as duplicated samples
 SUSPICIOUS_SHARE = 0.005  # of the samples
-SUSPICIOUS_COUNT = 5
+SUSPICIOUS_COUNT = 5  # samples, in a short record
 DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
 FAR_LESS = 0.5  # of what undoing a mistake leaves beyond noise: what an effect leaves that speaks against it
 MENDED_FIRST = ("time_scale", "swapped", "sign", "units")  # physics beside them is theirs
@@ -55,14 +55,14 @@ KNOWN_RATIOS = (
 NEAR_RATIO = 1.33  # a gain is known to a third only
 BY_PHYSICS = (0.1, 10.0)  # factors that missing physics may have, where no change of units has them
 NAMED = 2  # of the changes of units that a factor looks like
-FAHRENHEIT = 1.8
-ZEROS = (  # slope, offset, what lies between; offsets are known to a tenth
+FAHRENHEIT = 1.8  # degrees to one of Celsius
+ZEROS = (  # slope, offset, what lies between
     (1.0, 273.15, "between degrees Celsius and kelvin (273.15)"),
     (FAHRENHEIT, 32.0, "between degrees Celsius and Fahrenheit (1.8, 32)"),
     (FAHRENHEIT, -459.67, "between kelvin and degrees Fahrenheit (1.8, -459.67)"),
 )
 TEMPERATURES = ("", "K", "degC", "°C", "degF", "°F", "C", "F")
-NEAR_ZERO = 0.1
+NEAR_ZERO = 0.1  # of an offset, by which it may be off
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from scipy.stats import norm
 
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual
 
-DRAWS = 4999
+DRAWS = 4999  # of signs: p-values are multiples of 1/5000
 BLOCK = 20  # whitened samples flipped together: what colour the autoregression leaves stays inside
-FEWEST_BLOCKS = 60
+FEWEST_BLOCKS = 60  # of a record; in a short one they are shorter
 NEIGHBOURS = 101  # ordinates of the periodogram that tell the level around a line
 FINER = 2  # times its own ordinates, that a periodogram is taken at
 SLOW = 8  # periods in the record, below which a line and a drift are one

@@ -193,18 +193,16 @@ class _Layout(NamedTuple):
     def _remembered(self, memory: _Memory, source, samples, began, x) -> None:
         """Write a phi regressor's memory and past values at samples into the states ``x``."""
         phi = memory.phi
-        age_1 = self.lag(
-            phi.signal, 1
-        )  # a step takes in the value of age 0, so all older ones are in already
+        # a step takes in the value of age 0, so all older ones are in already
+        age_1 = self.lag(phi.signal, 1)
         for session in np.unique(began):
             state = np.zeros(STATE_SIZE)
             done = int(session)
             recent: list[float] = []
             chosen = np.flatnonzero(began == session)
             for i in chosen[np.argsort(samples[chosen], kind="stable")]:
-                stop = max(
-                    int(samples[i]) - age_1 + 1, int(session) + 1
-                )  # at least one: held before it began
+                # at least one: held before it began
+                stop = max(int(samples[i]) - age_1 + 1, int(session) + 1)
                 stretch = np.nan_to_num(np.ascontiguousarray(source[done:stop]))
                 if stretch.size:
                     values = np.empty(stretch.size)

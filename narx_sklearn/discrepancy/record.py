@@ -19,11 +19,10 @@ from narx_sklearn.discrepancy.columns import (
     read_columns,
     unlike_units,
 )
+from narx_sklearn.discrepancy.locate.latent_force import FEWEST_VALUES
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.windows import shortest_window
 from narx_sklearn.exceptions import NarxWarning
-
-FEWEST_VALUES = 20  # measured values in windows, as locating a force takes
 
 Piece = tuple[slice, int]  # a stretch without gaps in the inputs, and the first sample of its session
 

@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.simulator import Run
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
-ITERATIONS = 25
+ITERATIONS = 25  # at most, where nobody says how many
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 LUCK = 4.0  # noise variances that a window gains by chance, of several states that a coarse sensor rounds

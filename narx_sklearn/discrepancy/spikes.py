@@ -52,9 +52,8 @@ def _standing_out(signal: np.ndarray, pieces: Iterable[slice], far: float) -> np
         values = pd.Series(signal[piece])
         around = values.rolling(2 * AROUND + 1, center=True, min_periods=AROUND + 1)
         off[piece] = values - around.median()
-        spread[piece] = around.quantile(0.65) - around.quantile(
-            0.35
-        )  # two spikes among seven do not touch it
+        # two spikes among seven do not touch these quantiles
+        spread[piece] = around.quantile(0.65) - around.quantile(0.35)
     size = np.abs(off)
     seen = np.isfinite(size)
     if not seen.any():

@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.structure import Structure, find_structure
 from narx_sklearn.discrepancy.windows import cut, shortest_window
 
-ITERATIONS = 10
+ITERATIONS = 10  # of a fit of initial states alone
 ASTRAY = 100.0  # times an output's spread, by which a run has lost the recording
 AFRESH = 1000  # times that a lost run begins anew, at most
 

@@ -16,7 +16,7 @@ ORDINARY = 3 * 1.4826  # median absolute deviations: windows that are like the q
 FEWEST = 8  # windows, so that half of them can be quiet; longer ones forgive a mismatch less
 PARTS = 4  # of the record, to each of which parameters are fitted to begin with
 STEPS = 5  # of choosing windows and fitting to them, at most
-ITERATIONS = 10
+ITERATIONS = 10  # of each fit on the way
 
 
 class Trimmed(NamedTuple):

@@ -21,11 +21,11 @@ from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.metrics import nrmse
 from narx_sklearn.model import free_run
 
-TRAINING_SHARE = 0.7
+TRAINING_SHARE = 0.7  # of each session, its first part; the rest is held out
 GOOD_ENOUGH = 1e-3  # held-out error over the output's standard deviation at which the search ends
 BLIND = 0.9  # above it the input tells next to nothing of the output
 POOR = 0.05  # above it a warning says that the twin is not the simulator
-FEWEST_SAMPLES = 40
+FEWEST_SAMPLES = 40  # of a trace
 REMEMBERED = 16  # corrections kept: one for each parameter that is moved, and the nominal one
 
 EQUATIONS = (identify_motion, identify_stores)

@@ -102,7 +102,7 @@ WHOLE: dict[str, tuple[float, dict[str, int]]] = {  # units that take no prefix
 }
 ZEROS = {"K": 0.0, "degC": 273.15, "°C": 273.15, "degF": 459.67 * 5 / 9, "°F": 459.67 * 5 / 9}  # in K
 SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "·": " ", "⋅": " ", "\N{OHM SIGN}": "Ω"})
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # relative difference up to which two factors are one
 
 
 class Conversion(NamedTuple):

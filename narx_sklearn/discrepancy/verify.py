@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.start import fit_initial_states
 from narx_sklearn.discrepancy.windows import cut, shortest_window
 
 BLOCKS = 20  # of the held-out errors, for intervals
-DRAWS = 1000
+DRAWS = 1000  # of blocks, for intervals
 SURELY = 1.64  # standard errors
 SEEN = 4.0  # noise variances by which a correction must change held-out samples, for them to tell anything
 BELIED = 2.33  # standard errors, that what is right may be off by in one of a hundred cases

@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.linearise import central_differences
 from narx_sklearn.discrepancy.simulator import Simulator, Windows, evaluate
 
 WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
-FEWEST = 4
+FEWEST = 4  # of a record that has room for them
 MOST = 60  # more windows cost information on slow dynamics and bring little
 LONGEST = 50_000  # samples looked at; windows spread over a longer record stand for it
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them

@@ -7,9 +7,9 @@ from scipy.stats import chi2, f, false_discovery_control
 
 from narx_sklearn._validation import finite_slices
 
-LEVEL = 0.01
+LEVEL = 0.01  # false discovery rate at which one is kept
 QUIET = 0.25  # of the bands: the quietest make the noise floor when none is given
-FEWEST_LINES = 3
+FEWEST_LINES = 3  # of a band
 
 
 def bands(

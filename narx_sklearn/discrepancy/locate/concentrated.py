@@ -5,12 +5,12 @@ import numpy as np
 from narx_sklearn.discrepancy.locate.latent_force import LatentForce
 from narx_sklearn.discrepancy.locate.tangent import Tangent
 
-N_ITERATIONS = 60
+N_ITERATIONS = 60  # of least squares weighted anew, at most
 N_ABSOLUTE = 20  # of them by absolute deviations
 TUKEY = 4.685  # of the spread: 95 % efficiency were the quiet part Gaussian
 SPREAD_OF_MEDIAN = 1.4826  # Gaussian spread over median absolute deviation
 SMALLEST = 1e-3  # of the force's size: residuals below it weigh alike
-CONVERGED = 1e-6
+CONVERGED = 1e-6  # of the force's size, that the last iteration changes at most
 
 
 def concentrated_force(force: LatentForce, linear: Tangent) -> np.ndarray:

@@ -7,9 +7,9 @@ from scipy.stats import false_discovery_control
 STEP_RATIO = 10.0  # a change this many times the usual one is a step
 STEP_SHARE = 0.05  # and at least this share of the range
 LIMIT_SHARE = 0.01  # of the range: this close to an extreme is at the limit
-N_SHIFTS = 1999
-N_WINDOWS = 20
-LEVEL = 0.01
+N_SHIFTS = 1999  # p-values are multiples of 1/2000
+N_WINDOWS = 20  # of the record, each turned in time by a shift of its own
+LEVEL = 0.01  # false discovery rate at which one is kept
 
 
 def input_events(u: np.ndarray) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 MEDIAN_SPREAD = 1.2533  # standard error of a median over that of a mean, Gaussian
-CONFIDENCE = 1.96
+CONFIDENCE = 1.96  # standard errors to either side: 95 %
 FEWEST = 5  # samples in a bin
 
 

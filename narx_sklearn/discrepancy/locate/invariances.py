@@ -9,14 +9,15 @@ import pandas as pd
 from narx_sklearn.discrepancy.locate._hats import additive_hats, hats
 
 N_FOLDS = 10  # stretches of time; each is predicted from the others
-TRAINING_SAMPLES = 4000
+TRAINING_SAMPLES = 4000  # at most, evenly spread over the record
+FEWEST_SAMPLES = 200  # known, without which nothing is said
 RIDGES = (1e-4, 1e-2, 1.0, 1e2)  # of the energy of a column; that which predicts best
 PAST = (4, 16)  # samples ago, that stand for the past
 FEWEST_CYCLES = 2  # of a sine over the range of the signal it is tied to
 MOST_CYCLES = 100  # over the range of the position
-N_BINS = 1 << 14
-OVERSAMPLED = 4
-CONFIDENCE = 1.96
+N_BINS = 1 << 14  # over the range of a signal, along which a sine is looked for
+OVERSAMPLED = 4  # times as fine as its own ordinates, that a spectrum is taken at
+CONFIDENCE = 1.96  # standard errors to either side: 95 %
 MOSTLY = 0.8  # share of the variance that leaves little else
 CLEAR = 0.05  # share of the force's variance that counts
 
@@ -88,10 +89,10 @@ def invariances(
     signals = [np.asarray(s, dtype=float) for s in (w, x, v, u)]
     lagged, known = _with_past(signals, first)
     samples = np.flatnonzero(known)
-    if samples.size < 200:
+    if samples.size < FEWEST_SAMPLES:
         raise ValueError(
-            f"w, x, v and u are known together at {samples.size} samples; this takes at least 200. "
-            "Pass a longer record."
+            f"w, x, v and u are known together at {samples.size} samples; this takes at least "
+            f"{FEWEST_SAMPLES}. Pass a longer record."
         )
     samples = samples[:: max(1, -(-samples.size // TRAINING_SAMPLES))]
     w, x, v, u = (s[samples] - (s[samples].mean() if s is signals[0] else 0.0) for s in signals)

@@ -24,17 +24,13 @@ DIFFUSE = 1e4  # variance of a free initial deviation over what the residual cou
 SEARCH_SAMPLES = 2000  # windows with about this many samples settle the two variances
 LONGEST_PIECE = 1000  # samples of a window that the search takes at a time
 TINY_NOISE = 1e-6  # white share beside coloured noise of variance one: keeps the filter's variances positive
-REMAINDERS = (
-    1.0,
-    1e-2,
-    1e-4,
-    0.0,
-)  # variance of what a function of the port's signals leaves, over the whole force
-LARGEST_RHO = 0.9995
+# variance of what a function of the port's signals leaves, over the whole force
+REMAINDERS = (1.0, 1e-2, 1e-4, 0.0)
+LARGEST_RHO = 0.9995  # of noise: memory of two thousand samples
 ORDINARY_RHO = 0.9  # a colour to start from: the background's own is swollen by what the force leaves in it
-DECADES = np.arange(
-    -2.0, 9.0, 2.0
-)  # of the force's variance over the one that would move the outputs as observed
+# of the force's variance over the one that would move the outputs as observed
+DECADES = np.arange(-2.0, 9.0, 2.0)
+FEWEST_VALUES = 20  # residuals inside windows, without which no force is located
 
 
 class Covered(NamedTuple):
@@ -312,10 +308,10 @@ def cover(linear: Tangent, residual: np.ndarray, windows: Windows, scale: np.nda
     usable = (window >= 0) & np.isfinite(linear.A).all(axis=(1, 2)) & np.isfinite(linear.C).all(axis=(1, 2))
     samples = np.flatnonzero(usable)
     b = np.ascontiguousarray(residual[samples] / scale)[:, :, None]
-    if np.isfinite(b).sum() < 20:
+    if np.isfinite(b).sum() < FEWEST_VALUES:
         raise ValueError(
             f"residual has {np.isfinite(b).sum()} values inside the windows; locating a force takes at least "
-            "20. Pass a longer record, or windows in which the simulation stays finite."
+            f"{FEWEST_VALUES}. Pass a longer record, or windows in which the simulation stays finite."
         )
     ahead, apart = np.diff(samples), np.diff(window[samples])
     session = windows.began[window[samples]]

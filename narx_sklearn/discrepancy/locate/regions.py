@@ -11,19 +11,19 @@ from sklearn.tree import DecisionTreeRegressor
 from narx_sklearn.discrepancy.locate.features import plain
 
 COLUMNS = ["rule", "share", "time_share", "lift", "p_value", "conditions"]
-MAX_LEAVES = 6
-MAX_DEPTH = 3
+MAX_LEAVES = 6  # of the tree, few enough for its rules to be read
+MAX_DEPTH = 3  # of it: conditions of a rule, at most
 SMALLEST_LEAF = 0.02  # of the samples
 LEAST_SHARE = 0.02  # of the energy, where there is no noise
 NOTHING = 1e-6  # of the largest size, below which a computed signal is not there
 OFTEN = 0.05  # share of the samples at which it is not, that makes its region where it is there at all
 WORTH = 0.05  # of the variance, that a division must take off where there is no noise
 FEWEST = 3  # samples of a leaf where there is no noise
-TRAINING_SAMPLES = 20_000
+TRAINING_SAMPLES = 20_000  # at most, evenly spread over the record
 N_WINDOWS = 60  # every second one makes the rules, the others judge them
 SHORTEST = 5  # samples of such a window
-N_SHUFFLES = 1999
-LEVEL = 0.01
+N_SHUFFLES = 1999  # p-values are multiples of 1/2000
+LEVEL = 0.01  # false discovery rate at which one is kept
 N_EDGES = 60  # places tried for the beginning of a mismatch that grows
 ALIKE = 0.05  # share of a region's samples, by which one told by the size of a signal may differ
 FEWEST_DIGITS = 3  # of a bound

@@ -12,8 +12,8 @@ from narx_sklearn.discrepancy.noise import estimate_noise
 
 MOST_BLOCKS = 256  # the record is looked at in this many stretches at most
 SHORTEST_BLOCK = 16  # samples, so that the energy of a block has a spread of a third at most
-N_SHUFFLES = 1999
-LEVEL = 0.01
+N_SHUFFLES = 1999  # p-values are multiples of 1/2000
+LEVEL = 0.01  # false discovery rate at which one is kept
 PENALTY = 3.0  # times log J for each change of level
 QUIET = 0.2  # share of the time that the quietest stretches, the yardstick of all, take together
 

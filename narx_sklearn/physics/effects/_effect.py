@@ -46,9 +46,8 @@ class Setting(NamedTuple):
     time: np.ndarray  # seconds since the session began
     dt: float
     first: np.ndarray  # indices at which a session or a gap's other side begins
-    residual: np.ndarray | None = (
-        None  # measured less simulated output, where the caller has it: frequencies show in it
-    )
+    # measured less simulated output, where the caller has it: frequencies show in it
+    residual: np.ndarray | None = None
 
 
 def at_least(n_parameters: int, index: int, least: float) -> np.ndarray:
