@@ -138,7 +138,9 @@ def level():
 
 def starts_of(effect, ordinary, level):
     starts = effect.starts(ordinary)
-    return starts if len(starts) else effect.starts(level)
+    starts = starts if len(starts) else effect.starts(level)
+    assert len(starts)
+    return starts
 
 
 def force_of(
@@ -435,6 +437,7 @@ class TestRuns:
         if effect.code == "root_outflow":
             assert len(starts) == 0  # a velocity is no level
             starts = np.array([[1.0, 0.5, 2.0]])
+        assert len(starts)
         for theta in starts:
             changed = oscillator.with_effects([placed_on_mass(effect, theta, kind)]).simulate(u)[:, 0]
             assert np.all(np.isfinite(changed))
