@@ -106,71 +106,102 @@ def fit(
     n_jobs : int, optional
         Threads that linearise.
     """
-    bounds = all_bounds(problem, model)
-    q = np.clip(model.q, bounds[:, 0], bounds[:, 1])
-    model = model.with_q(q)
-    n_q = q.size
-    free = np.ones(n_q, dtype=bool) if free is None else free
-    scale_q = np.where(q != 0, np.abs(q), 1.0)
-    chosen = np.flatnonzero(problem.simulator.free_states)
-    # over its range a parameter counts for one noise deviation at least: what is hardly felt jumps no further
-    least_felt = np.divide(
-        1.0, bounds[:, 1] - bounds[:, 0], out=np.zeros(n_q), where=bounds[:, 1] > bounds[:, 0]
-    )
-    # through a coarse sensor each window could choose among states that differ in rounding alone
-    least = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
-    damping, converged, gained = 1e-3, False, 0.0
+    frame = _Frame.of(problem, model, free, tolerance)
+    model = model.with_q(np.clip(model.q, frame.bounds[:, 0], frame.bounds[:, 1]))
     now = _attempt(problem, model)
     x_steps = state_scale(problem, model, now.run)
-    done = 0
-
-    def tangents() -> Tangents:
-        steps = difference_steps(now.model, bounds, scale_q)
-        projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
-        J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
-        return Tangents(steps, projector, J, _heard(J, projector(J)))
-
-    steps, projector, J_full, J = tangents()
+    damping, done, converged, gained = 1e-3, 0, False, 0.0
+    at = _tangents(frame, now, x_steps, n_jobs)
     while True:
-        r = projector(_finite(now.residual))
+        r = at.projector(_finite(now.residual))
         if done >= iterations or converged or not np.isfinite(now.cost):
             break
         done += 1
-        q = now.model.q
-        columns = J.reshape(-1, n_q)
-        gradient = columns.T @ r.ravel()
-        movable = free & ~((q <= bounds[:, 0]) & (gradient < 0)) & ~((q >= bounds[:, 1]) & (gradient > 0))
-        hessian = columns.T @ columns
-        felt = np.maximum(np.sqrt(np.diag(hessian)), least_felt)
-        movable &= np.diag(hessian) > 0
-        previous = now.cost
-        for attempt in range(2 * GIVE_UP):
-            if attempt == GIVE_UP:
-                damping = 1e-3
-            move = _damped_step(hessian, gradient, movable, felt, damping)
-            promised = now.cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
-            if promised <= NOTHING * tolerance * now.cost:
-                break
-            target = np.clip(q + move, bounds[:, 0], bounds[:, 1])
-            x0 = now.model.x0.copy()
-            left = now.residual - J_full @ (target - q)
-            x0[:, chosen] += (projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
-            trial = _attempt(problem, now.model.with_q(target)._replace(x0=x0))
-            if attempt >= GIVE_UP and not trial.cost < now.cost:
-                trial = _windows_apart(problem, now, trial, x_steps / SMALL, least)
-            if trial.cost < now.cost:
-                now = trial
-                damping = max(damping / 9, 1e-9)
-                break
-            damping = max(damping * 6, 1e-6)
-        gained = (previous - now.cost) / previous if now.cost < previous else 0.0
+        before = now.cost
+        now, damping = _descended(frame, now, at, r, x_steps / SMALL, damping)
+        gained = (before - now.cost) / before if now.cost < before else 0.0
         converged = gained <= tolerance
         if not (rough and (done >= iterations or converged)):
-            steps, projector, J_full, J = tangents()
+            at = _tangents(frame, now, x_steps, n_jobs)
     order = now.model.rising
     model = now.model.with_q(now.model.q[order])
     n_begun = _felt_by_effects(problem, now, x_steps / SMALL)
-    return Fit(model, now.cost, r, J[:, :, order], projector, steps[order], converged, done, gained, n_begun)
+    J, steps = at.projected[:, :, order], at.steps[order]
+    return Fit(model, now.cost, r, J, at.projector, steps, converged, done, gained, n_begun)
+
+
+class _Frame(NamedTuple):
+    """What stays as it is during a fit."""
+
+    problem: Problem
+    bounds: np.ndarray  # (n_q, 2)
+    free: np.ndarray  # (n_q,) bool: may move
+    scale: np.ndarray  # (n_q,) sizes that difference steps are shares of, where a parameter is zero
+    least_felt: np.ndarray  # (n_q,) per unit of a parameter, in noise deviations
+    luck: float  # noise variances that a window must gain for its states to move on their own
+    tolerance: float
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model, free: np.ndarray | None, tolerance: float) -> "_Frame":
+        """Return the frame of a fit that begins with a model."""
+        bounds = all_bounds(problem, model)
+        lower, upper = bounds.T
+        q = np.clip(model.q, lower, upper)
+        # over its range a parameter counts for one noise deviation at least: what is hardly felt jumps no
+        # further
+        least_felt = np.divide(1.0, upper - lower, out=np.zeros(q.size), where=upper > lower)
+        # through a coarse sensor each window could choose among states that differ in rounding alone
+        luck = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
+        free = np.ones(q.size, dtype=bool) if free is None else free
+        return cls(problem, bounds, free, np.where(q != 0, np.abs(q), 1.0), least_felt, luck, tolerance)
+
+
+def _tangents(frame: _Frame, now: Attempt, x_steps: np.ndarray, n_jobs: int | None) -> Tangents:
+    """Linearise about an attempt."""
+    problem, steps = frame.problem, difference_steps(now.model, frame.bounds, frame.scale)
+    projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
+    J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
+    return Tangents(steps, projector, J, _heard(J, projector(J)))
+
+
+def _descended(
+    frame: _Frame, now: Attempt, at: Tangents, r: np.ndarray, x_size: np.ndarray, damping: float
+) -> tuple[Attempt, float]:
+    """Return a better attempt, and the damping to go on with; the attempt as it was where none is found.
+
+    Parameters
+    ----------
+    r : ndarray of shape (n_windows, n_values)
+        Whitened residual, initial states projected out.
+    x_size : ndarray of shape (n_states,)
+        How far the states move.
+    """
+    problem, (lower, upper), q = frame.problem, frame.bounds.T, now.model.q
+    chosen = np.flatnonzero(problem.simulator.free_states)
+    columns = at.projected.reshape(-1, q.size)
+    gradient = columns.T @ r.ravel()
+    movable = frame.free & ~((q <= lower) & (gradient < 0)) & ~((q >= upper) & (gradient > 0))
+    hessian = columns.T @ columns
+    felt = np.maximum(np.sqrt(np.diag(hessian)), frame.least_felt)
+    movable &= np.diag(hessian) > 0
+    for attempt in range(2 * GIVE_UP):
+        if attempt == GIVE_UP:
+            damping = 1e-3
+        move = _damped_step(hessian, gradient, movable, felt, damping)
+        promised = now.cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
+        if promised <= NOTHING * frame.tolerance * now.cost:
+            break
+        target = np.clip(q + move, lower, upper)
+        x0 = now.model.x0.copy()
+        left = now.residual - at.full @ (target - q)
+        x0[:, chosen] += (at.projector.inverse @ _finite(left)[:, :, None])[:, :, 0]
+        trial = _attempt(problem, now.model.with_q(target)._replace(x0=x0))
+        if attempt >= GIVE_UP and not trial.cost < now.cost:
+            trial = _windows_apart(problem, now, trial, x_size, frame.luck)
+        if trial.cost < now.cost:
+            return trial, max(damping / 9, 1e-9)
+        damping = max(damping * 6, 1e-6)
+    return now, damping
 
 
 def _felt_by_effects(problem: Problem, now: Attempt, size: np.ndarray) -> int:
