@@ -1,12 +1,13 @@
 """Explanations that a record leaves open, as simulators that an experiment is to separate."""
 
 from collections.abc import Iterable, Sequence
-from itertools import permutations
+from itertools import chain, permutations
 
 import numpy as np
 
 from narx_sklearn.discrepancy.bank import make_bank
 from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.detect import NONE_SILENT
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.explain import refit_leaders
@@ -46,10 +47,9 @@ def find_rivals(
     """
     if between is not None:
         return _explanations_by(read_between(between, own), diagnosis, own, n_jobs)
-    tried = [candidate for step in diagnosis.steps for candidate in step.candidates]
-    pool = _once_a_name([diagnosis.best, *(c for rivals in diagnosis.alternatives for c in rivals)])
+    pool = _once_a_name([diagnosis.best, *chain.from_iterable(diagnosis.alternatives)])
     wanted = min(max(len(pool), 2), MOST_RIVALS)
-    pool += sorted(tried, key=lambda c: c.criterion)
+    pool += pool_of(diagnosis.steps)
     chosen: dict[str, Candidate] = {}
     for candidate in pool:
         chosen.setdefault(in_short(candidate.effects) or "nothing", candidate)
@@ -90,24 +90,18 @@ def _explanations_by(
     named = {*CATALOGUE, *(effect.code for effect in own)} - codes
     rest = {placed.place for placed in diagnosis.best.effects if placed.effect.code in named}
     base = _beside(diagnosis, rest, n_jobs)
+    fitted = [diagnosis.best, *chain.from_iterable(diagnosis.alternatives), *pool_of(diagnosis.steps)]
     chosen = {}
     for effect in asked:
         having = [
             candidate
-            for candidate in _all_of(diagnosis)
+            for candidate in fitted
             if rest <= candidate.places
             and codes & {placed.effect.code for placed in candidate.effects} == {effect.code}
         ]
         best = _shown(effect, diagnosis, base, min(having, key=lambda c: c.criterion, default=None), n_jobs)
         chosen[in_short(best.effects)] = best
     return chosen
-
-
-def _all_of(diagnosis: Diagnosis) -> list[Candidate]:
-    """Return all that a diagnosis fitted."""
-    alternatives = [candidate for rivals in diagnosis.alternatives for candidate in rivals]
-    tried = [candidate for step in diagnosis.steps for candidate in step.candidates]
-    return [diagnosis.best, *alternatives, *tried]
 
 
 def _beside(diagnosis: Diagnosis, places: set[tuple], n_jobs: int | None) -> Fit:
