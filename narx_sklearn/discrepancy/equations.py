@@ -1,7 +1,7 @@
 """User's functions as the kernel takes them: ``(x, u, p, written)``, compiled where numba can."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from inspect import Parameter, signature
 from types import FunctionType
@@ -123,13 +123,15 @@ def _compile(function: Callable, n: int):
     return _interpreted(write)
 
 
-def compiled_source(source: str, values: Mapping[str, Any], functions: Mapping[str, Callable], title: str):
-    """Return ``write(x, u, p, written)`` from its source text, compiled, or Python behind the same face.
+def compiled_lines(
+    lines: Sequence[str], values: Mapping[str, Any], functions: Mapping[str, Callable], title: str
+):
+    """Return ``write(x, u, p, written)`` from its lines, compiled, or Python behind the same face.
 
     Parameters
     ----------
-    source : str
-        Definition of ``write``.
+    lines : sequence of str
+        Body of ``write``.
     values : mapping
         Constants and compiled functions that it uses, by name.
     functions : mapping
@@ -137,6 +139,7 @@ def compiled_source(source: str, values: Mapping[str, Any], functions: Mapping[s
     title : str
         What it is, for the warning when it does not compile.
     """
+    source = "def write(x, u, p, written):\n" + "\n".join(f"    {line}" for line in lines or ["pass"])
     try:
         return _fixed(_executed(source, values, functions))
     except (NumbaError, UnsupportedBytecodeError) as error:

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from narx_sklearn.discrepancy.equations import compiled_source, picker
+from narx_sklearn.discrepancy.equations import compiled_lines, picker
 from narx_sklearn.discrepancy.ode import describe
 from narx_sklearn.discrepancy.simulator import Parameter, Signal
 from narx_sklearn.discrepancy.trace_fit import (
@@ -65,7 +65,7 @@ def _equation(order: int, places: tuple[str, ...]):
     """Return the compiled right-hand side in which each coefficient multiplies what stands at its place."""
     lines = [f"written[{i}] = x[{i + 1}]" for i in range(order - 1)]
     lines.append(f"written[{order - 1}] = " + " + ".join(f"p[{i}] * {at}" for i, at in enumerate(places)))
-    return compiled_source("def write(x, u, p, written):\n    " + "\n    ".join(lines), {}, {}, "The twin")
+    return compiled_lines(lines, {}, {}, "The twin")
 
 
 def identify_motion(trace: Trace, good_enough: float) -> tuple[MotionSimulator, float] | None:

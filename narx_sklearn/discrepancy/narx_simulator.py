@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.equations import compiled_source
+from narx_sklearn.discrepancy.equations import compiled_lines
 from narx_sklearn.discrepancy.linearise import steady_state
 from narx_sklearn.discrepancy.ode import check_period, describe
 from narx_sklearn.discrepancy.simulator import Parameter, Signal, Simulator
@@ -288,12 +288,12 @@ def _bracketed(unit: str) -> str:
 
 @lru_cache(maxsize=64)
 def _equations_of(structure: _Structure):
-    """Return the compiled step and output of a model, from source text made of its terms."""
+    """Return the compiled step and output of a model, from lines made of its terms."""
     layout = _layout(structure.model)
     source = _Source(layout)
     return tuple(
-        compiled_source(text, source.values, source.functions, f"The NARX model's {title}")
-        for title, text in (("step", source.step()), ("output", source.output()))
+        compiled_lines(lines, source.values, source.functions, f"The NARX model's {title}")
+        for title, lines in (("step", source.step()), ("output", source.output()))
     )
 
 
@@ -307,7 +307,7 @@ class _Source:
         self.values: dict[str, object] = {"phi_value": phi_value, "zeros": np.zeros}
         self.functions: dict[str, Callable] = {}
 
-    def step(self) -> str:
+    def step(self) -> list[str]:
         """Return the lines that write the next states."""
         layout, model = self.layout, self.model
         lines = self._right_hand_sides()
@@ -323,14 +323,14 @@ class _Source:
             lines += [
                 f"written[{index}] = {value}" for index, value in zip(memory.past, newest, strict=False)
             ]
-        return _function(lines)
+        return lines
 
-    def output(self) -> str:
+    def output(self) -> list[str]:
         """Return the lines that write the outputs."""
         n = range(len(self.model.outputs))
         if self.layout.feeds_through:
-            return _function([*self._right_hand_sides(), *(f"written[{i}] = y_{i}" for i in n)])
-        return _function([f"written[{i}] = {self._value(self.model.outputs[i], 0)}" for i in n])
+            return [*self._right_hand_sides(), *(f"written[{i}] = y_{i}" for i in n)]
+        return [f"written[{i}] = {self._value(self.model.outputs[i], 0)}" for i in n]
 
     def _right_hand_sides(self) -> list[str]:
         """Return lines that compute the phi regressors and ``y_0``, ``y_1``, ... at the new sample."""
@@ -385,7 +385,3 @@ class _Source:
         name = f"numbers_{phi.name}"
         self.values[name] = np.ascontiguousarray(phi.kernel_parameters, dtype=float)
         return name
-
-
-def _function(lines: list[str]) -> str:
-    return "def write(x, u, p, written):\n" + "\n".join(f"    {line}" for line in lines or ["pass"])

@@ -12,7 +12,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from narx_sklearn.discrepancy.equations import compiled_source, picker
+from narx_sklearn.discrepancy.equations import compiled_lines, picker
 from narx_sklearn.discrepancy.ode import describe
 from narx_sklearn.discrepancy.simulator import Parameter, Signal
 from narx_sklearn.discrepancy.trace_fit import (
@@ -114,7 +114,7 @@ def _equation(fed: tuple[str, ...], powers: tuple[str, ...], levels: tuple[float
         lines.append(f"drained = p[{len(fed) + i}] * (max(x[{i}], 0.0) / {float(level)!r}) ** {power}")
         lines.append(f"written[{i}] = flow - drained")
         lines.append("flow = drained")
-    return compiled_source("def write(x, u, p, written):\n    " + "\n    ".join(lines), {}, {}, "The twin")
+    return compiled_lines(lines, {}, {}, "The twin")
 
 
 def identify_stores(trace: Trace, good_enough: float) -> tuple[StoresSimulator, float] | None:
