@@ -313,6 +313,6 @@ def test_stages_are_told_a_line_each_where_there_is_no_terminal(capsys):
     told = capsys.readouterr().err.splitlines()
     assert told[0] == "[narx_sklearn] check of the record"
     assert "[narx_sklearn] location" in told
-    assert not hasattr(dx, "_begin")  # nothing of the bar stays in what may be pickled
+    assert not hasattr(dx, "_show")  # nothing of the bar stays in what may be pickled
     fit(U, Y)
     assert capsys.readouterr().err == ""

@@ -671,17 +671,17 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         if not self.verbose:
             yield
             return
-        with progress(STAGES, quiet=False, lines="[narx_sklearn] ") as begin:
-            self._begin = begin
+        with progress(STAGES, quiet=False, lines="[narx_sklearn] ") as show:
+            self._show = show
             try:
                 yield
             finally:
-                del self._begin
+                del self._show
 
     def _tell(self, stage: str) -> None:
-        begin: Callable[[str], None] | None = getattr(self, "_begin", None)
-        if begin is not None:
-            begin(stage)
+        show: Callable[[str], None] | None = getattr(self, "_show", None)
+        if show is not None:
+            show(stage)
 
 
 def _way_in(given) -> str:
