@@ -10,7 +10,13 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
-from narx_sklearn.discrepancy.inference import confidence_in_nothing, covariance, intervals
+from narx_sklearn.discrepancy.inference import (
+    confidence_in_nothing,
+    covariance,
+    intervals,
+    told_together,
+    untold,
+)
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
@@ -479,6 +485,19 @@ class TestIntervals:
         textbook = np.linalg.inv(flat.T @ flat) * found.cost / problem.n_seen
         ratio = np.sqrt(np.diag(covariance(problem, found)) / np.diag(textbook))
         np.testing.assert_allclose(ratio, 1.0, atol=0.25)
+
+    def test_parameters_that_only_do_something_together_are_told_so(self):
+        def heavy(x, u, p):
+            return x[1], (p[1] * u[0] - p[2] * x[1] - p[3] * x[0]) / p[0]
+
+        about = {"dt": 0.05, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+        values = {"mass [kg]": 1.0, "force [N/V]": 1.0, "damping [kg/s]": 0.8, "stiffness [N/m]": 12.0}
+        problem, model = make_problem(simulator=ODESimulator(heavy, parameters=values, **about))
+        found = fit(problem, model)
+        assert told_together(untold(found)) == [[0, 1, 2, 3]]
+        np.testing.assert_allclose(np.abs(untold(found)), 0.5, atol=1e-3)
+        problem, model = make_problem()
+        assert told_together(untold(fit(problem, model))) == []
 
     @pytest.mark.parametrize(
         ("p_value", "least"), [(0.1, 0.385), (0.05, 0.289), (0.01, 0.111), (0.005, 0.067)]

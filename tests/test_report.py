@@ -151,6 +151,21 @@ def test_a_consistent_simulation_gets_a_report_without_findings():
     assert "No effect was added." in page
 
 
+def test_both_reports_tell_of_parameters_that_only_do_something_together(case):
+    def heavy(x, u, p):
+        return x[1], (p[1] * u[0] - p[2] * x[1] - p[3] * x[0]) / p[0]
+
+    _, u, y = case
+    about = {"dt": 0.05, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+    values = {"mass [kg]": 2.0, "force [N/V]": 2.0, "damping [kg/s]": 1.6, "stiffness [N/m]": 24.0}
+    simulator = ODESimulator(heavy, parameters=values, **about)
+    dx = DiscrepancyRegressor(simulator, effects=["cubic_stiffness"]).fit(u, y)
+    told = "Of mass, force, damping and stiffness only what they do together is told: they may all be off by"
+    assert told in dx.report_
+    assert told in render_report(dx, u, y)
+    assert "only what they do together" not in case[0].report_
+
+
 def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
     dx, u, y = case
     told = copy(dx)

@@ -3,15 +3,17 @@
 import math
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.refit import SMALL, Fit
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
+TAKES_PART = 0.01  # of the relative change of parameters along such a direction
 
 
 def covariance(problem: Problem, fit: Fit) -> np.ndarray:
@@ -52,6 +54,33 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
     return np.clip(np.column_stack([q - width, q + width]), domain[:, :1], domain[:, 1:])
+
+
+def untold(fit: Fit) -> np.ndarray:
+    """Return directions in which global parameters may move together and nothing is noticed, (n, n_q).
+
+    They are orthonormal in relative changes: masses and forces, say, all larger by one factor. A parameter
+    whose own change by all of itself is lost in the noise is not among them.
+    """
+    flat = fit.jacobian.reshape(-1, fit.model.q.size)
+    size, relative = np.linalg.norm(flat, axis=0), np.abs(fit.steps) / SMALL
+    heard = size * relative > 1.0
+    if not heard.any():
+        return np.zeros((0, size.size))
+    flat = flat[:, heard] / size[heard]
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    silent = vectors[:, values < ALIKE * values.max()] / (size[heard] * relative[heard])[:, None]
+    directions = np.zeros((silent.shape[1], size.size))
+    directions[:, heard] = np.linalg.qr(silent)[0].T
+    return directions
+
+
+def told_together(directions: np.ndarray) -> list[list[int]]:
+    """Return groups of parameters that move together along `untold` directions."""
+    joint = np.abs(directions.T @ directions) > TAKES_PART
+    _, group = connected_components(joint, directed=False)
+    found = (np.flatnonzero((group == g) & np.diag(joint)).tolist() for g in np.unique(group))
+    return [members for members in found if len(members) > 1]
 
 
 def confidence_in_nothing(p_value: float) -> float:

@@ -3,10 +3,13 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.acting import port_in_words
+from narx_sklearn.discrepancy.findings import parameter_names
+from narx_sklearn.discrepancy.inference import told_together, untold
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
 
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
+A_FACTOR = 0.05  # relative: changes of parameters as near to each other are by one factor
 
 
 def report_text(dx) -> str:
@@ -161,7 +164,26 @@ def _parameters(dx) -> list[str]:
             f"   {name} = {value}   ({row[shown + '_low']:.4g} to "
             f"{row[shown + '_high']:.4g}), nominal {row['nominal']:.4g}"
         )
+    lines += [f"   {said}" for said in what_is_told_together(dx)]
     return [*lines, ""]
+
+
+def what_is_told_together(dx) -> list[str]:
+    """Return a sentence for each group of parameters that may change together with nothing to notice."""
+    modelled = any(finding.modelled for finding in dx.findings_)
+    fit = dx._diagnosis.best.fit if modelled else dx._diagnosis.refitted
+    names = [p.name for p in dx._diagnosis.problem.simulator.parameters]
+    for effect in fit.model.effects:
+        names += [f"{name} of {effect.effect.code.replace('_', ' ')}" for name in parameter_names(effect)]
+    directions, said = untold(fit), []
+    for group in told_together(directions):
+        alike = np.isin(np.arange(len(names)), group).astype(float)
+        factor = np.allclose(directions.T @ (directions @ alike), alike, atol=A_FACTOR)
+        said.append(
+            f"Of {_listed([names[i] for i in group])} only what they do together is told: they may all be off"
+            f"{' by one factor' if factor else ''} with nothing to notice. Their intervals leave that out."
+        )
+    return said
 
 
 def _scores(dx) -> list[str]:

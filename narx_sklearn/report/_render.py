@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.report_text import (
     what_adds_up,
     what_is_left,
     what_is_not_confirmed,
+    what_is_told_together,
 )
 from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._curves import effect_curves
@@ -126,6 +127,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         what=_what(dx, material),
         what_is_left=what_is_left(dx),
         parameters=None if dx.parameters_.empty else parameter_table(dx),
+        told_together=what_is_told_together(dx),
         proof=_proof(dx, material, outputs),
         residuals=_residuals(dx, material, outputs),
         steps=next_steps(dx, experiment),
