@@ -245,6 +245,25 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     assert still_standing(more, problem, lost, lost) == more
 
 
+def test_of_parameters_that_only_do_something_together_the_nearest_count():
+    """With the mass and all forces doubled the machine runs the same."""
+
+    def heavy(x, u, p):
+        return x[1], (p[1] * u[0] - p[2] * x[1] - p[3] * x[0]) / p[0]
+
+    u, _ = record()
+    windows = cut([(slice(0, N), 0)], 200, 8)
+    simulator = ODESimulator(heavy, dt=0.05, parameters={"mass": 1.0, **PARAMETERS}, **NAMES)
+    run = simulator.simulate(u)
+    problem = Problem(simulator, u, run, windows, Noise.white(np.ones(1)))
+    x = simulator.run(u, Windows.whole([slice(0, N)]), np.zeros((1, 2))).x
+    doubled = Model(2.0 * simulator.nominal, (), x[windows.first])
+    time_scale = [DataFinding("time_scale", "", {"before": 0.2, "after": 0.02})]
+    assert still_standing(time_scale, problem, doubled, doubled) == []
+    lighter = doubled._replace(p=simulator.nominal * [0.5, 1.0, 1.0, 1.0])  # another machine
+    assert still_standing(time_scale, problem, lighter, lighter) == time_scale
+
+
 def test_only_what_the_values_show_must_be_mended_before_physics_is_named():
     swapped = DataFinding("swapped", "", {"after": 0.1})
     late = DataFinding("delayed", "", {"after": 0.1})

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linprog
 
 from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.confirm import is_of_a_sensor
+from narx_sklearn.discrepancy.inference import untold
 from narx_sklearn.discrepancy.mistakes import (
     BOX,
     DECISIVE,
@@ -22,6 +24,7 @@ from narx_sklearn.discrepancy.mistakes import (
 )
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import SMALL, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.units import alike_but_for_time
 from narx_sklearn.discrepancy.windows import find_pace
@@ -174,7 +177,8 @@ def still_standing(
     arrives late, too: an effect that leaves far less, beyond the noise that nothing explains, says what it
     is. But a fit with a gain a thousand times the nominal is no better than another unit, nor one with every
     rate doubled than another sampling period: what leaves less must do so with parameters that are as near as
-    undoing a mistake needs them.
+    undoing a mistake needs them. Of those that only do something together (a mass and all forces on it) the
+    nearest count.
 
     Parameters
     ----------
@@ -192,7 +196,9 @@ def still_standing(
 
     def missed(model: Model) -> float:
         if not _within_box(problem.simulator, model.p):
-            return np.inf
+            model = _nearest_alike(problem, model)
+            if not _within_box(problem.simulator, model.p):
+                return np.inf
         left = (problem.y - problem.run(model).y) / spread
         return float(np.mean(left[problem.rows][problem.seen] ** 2))
 
@@ -207,6 +213,28 @@ def _within_box(simulator: Simulator, p: np.ndarray) -> bool:
     """Tell whether parameters are as near to the nominal ones as a check of the record lets them be."""
     nominal = simulator.nominal
     return bool(np.all((np.abs(p - nominal) <= BOX * np.abs(nominal)) | (nominal == 0)))
+
+
+def _nearest_alike(problem: Problem, model: Model) -> Model:
+    """Return the model with parameters nearer to the nominal ones, moved where nothing notices it.
+
+    The largest relative distance becomes as small as can be.
+    """
+    found = fit(problem, model, iterations=0)
+    n, nominal = model.p.size, problem.simulator.nominal
+    directions = untold(found)
+    directions = directions[~np.any(directions[:, n:], axis=1)] * np.abs(found.steps) / SMALL
+    known = nominal != 0
+    if not len(directions):
+        return model
+    # how far along each, and the largest distance, which is the least that holds for all
+    size = np.abs(nominal[known])
+    along, away = directions[:, :n][:, known].T / size[:, None], (model.p - nominal)[known] / size
+    rows = np.vstack([np.column_stack([sign * along, -np.ones(size.size)]) for sign in (1, -1)])
+    cost = np.concatenate([np.zeros(len(directions)), [1.0]])
+    bounds = [(None, None)] * len(directions) + [(0, None)]
+    best = linprog(cost, rows, np.concatenate([-away, away]), bounds=bounds)
+    return model if best.x is None else model.with_q(model.q + best.x[:-1] @ directions)
 
 
 def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect]) -> list[DataFinding]:
