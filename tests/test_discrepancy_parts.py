@@ -499,6 +499,21 @@ class TestIntervals:
         problem, model = make_problem()
         assert told_together(untold(fit(problem, model))) == []
 
+    def test_parameters_that_only_do_something_together_go_nowhere_together(self):
+        def vessel(x, u, p):
+            return ((p[0] * u[0] * np.sqrt(max(11.0 - x[0], 0.0)) - p[1] * u[1] * x[0]) / p[2],)
+
+        rng = np.random.default_rng(0)
+        u = np.column_stack([np.repeat(rng.uniform(0, 60, 60), 40), np.repeat(rng.uniform(0, 40, 40), 60)])
+        about = {"dt": 1.0, "states": ["pressure [bar]"], "inputs": ["feed [%]", "outlet [%]"]}
+        values = {"feed [1/%]": 0.009, "outlet [1/%]": 0.004, "volume [l]": 1.4}
+        simulator = ODESimulator(vessel, parameters=values, **about)
+        y = np.minimum(simulator.simulate(u), 7.0) + 0.01 * rng.normal(size=(2400, 1))  # a relief valve
+        windows = cut([(slice(0, 2400), 0)], 200, 8)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
+        found = fit(problem, Model(simulator.nominal, (), y[windows.first]))
+        assert 0.3 < np.prod(found.model.p / simulator.nominal) < 3.0
+
     @pytest.mark.parametrize(
         ("p_value", "least"), [(0.1, 0.385), (0.05, 0.289), (0.01, 0.111), (0.005, 0.067)]
     )

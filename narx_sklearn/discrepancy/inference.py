@@ -9,10 +9,9 @@ from scipy.stats import chi2, norm
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import SMALL, Fit
+from narx_sklearn.discrepancy.refit import ALIKE, SMALL, Fit
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
-ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
 TAKES_PART = 0.01  # of the relative change of parameters along such a direction
 
 

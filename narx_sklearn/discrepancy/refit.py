@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.simulator import Run
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
+ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
 ITERATIONS = 25  # at most, where nobody says how many
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
@@ -95,7 +96,8 @@ def fit(
     """Minimise the whitened output error over global parameters and initial states.
 
     The windows' initial states are eliminated exactly in every linear step, so only the few global
-    parameters are damped. The cost never rises.
+    parameters are damped. The cost never rises. Of the simulator's own parameters that only do something
+    together (a mass and all forces on it) none goes where nothing is felt.
 
     Parameters
     ----------
@@ -184,10 +186,13 @@ def _descended(
     hessian = columns.T @ columns
     felt = np.maximum(np.sqrt(np.diag(hessian)), frame.least_felt)
     movable &= np.diag(hessian) > 0
+    own = np.flatnonzero(movable[: now.model.p.size])
+    unfelt = _unfelt(hessian[np.ix_(own, own)])
     for attempt in range(2 * GIVE_UP):
         if attempt == GIVE_UP:
             damping = 1e-3
         move = _damped_step(hessian, gradient, movable, felt, damping)
+        move[own] -= unfelt @ move[own]
         promised = now.cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
         if promised <= NOTHING * frame.tolerance * now.cost:
             break
@@ -265,6 +270,18 @@ def _damped_step(
         normal[np.diag_indices_from(normal)] += damping
         move[index] = np.linalg.solve(normal, gradient[index] / size) / size
     return move
+
+
+def _unfelt(hessian: np.ndarray) -> np.ndarray:
+    """Return what takes a step to its part along which parameters do nothing together, (n, n).
+
+    Difference quotients leave such a part a slope of rounding, and nothing would hold it: masses and forces
+    go anywhere together.
+    """
+    size = np.sqrt(np.diag(hessian))
+    values, directions = np.linalg.eigh(hessian / np.outer(size, size))
+    silent = directions[:, values < ALIKE * values.max(initial=0.0)]
+    return (silent / size[:, None]) @ (silent.T * size)
 
 
 def _windows_apart(
