@@ -1,6 +1,10 @@
 """Parts of the diagnosis: windows, projection, fits, test, intervals, against slow or hand-worked forms."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
@@ -21,6 +25,7 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.report_text import what_is_left
 from narx_sklearn.discrepancy.simulator import Windows
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut, find_pace, spread_out, window_length
@@ -341,6 +346,14 @@ class TestNoise:
         k = int(coloured.windows.first[1]) + 5
         assert white[1, 5, 0] == pytest.approx((k - 0.5 * (k - 1)) / 2.0)
 
+    def test_noise_about_a_level_has_a_size_and_a_drift_has_none(self):
+        sigma = np.array([2.0])
+        assert Noise.white(sigma).deviation(0) == 2.0
+        assert Noise((np.array([0.9]),), sigma).deviation(0) == pytest.approx(2.0 / np.sqrt(0.19))
+        settling = Noise((np.array([0.9]),), sigma, (0.5,))
+        assert settling.deviation(0) == pytest.approx(2.0 * np.sqrt(1 + 0.16 / 0.19))
+        assert Noise((np.array([1.0]),), sigma, (0.9,)).deviation(0) == np.inf
+
     @pytest.mark.parametrize("a", [[0.9], [0.5, -0.3], [1.2, -0.5, 0.1]])
     def test_whitening_is_that_of_the_covariance(self, a):
         """Squares and log determinant are those of the Gaussian likelihood with the whole covariance."""
@@ -525,6 +538,19 @@ class TestIntervals:
     def test_a_large_p_value_leaves_even_odds_and_none_leaves_nothing(self):
         assert [confidence_in_nothing(p) for p in (1.0, 0.5)] == [0.5, 0.5]
         assert confidence_in_nothing(0.0) < 1e-290
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_where_nothing_is_named_it_is_told_that_an_output_moved(moved):
+    simulator = make_stage()
+    problem, model = make_problem(simulator=simulator, true=simulator)
+    y = problem.y + 0.5 * moved * (np.arange(len(problem.y)) >= 700)[:, None]
+    problem = replace(problem, y=y) if moved else problem
+    diagnosis = SimpleNamespace(problem=problem, refitted=fit(problem, model, iterations=3))
+    segments = pd.DataFrame({"share": [0.1, 0.8], "start_s": [0.0, 35.0], "stop_s": [10.0, 60.0]})
+    location = SimpleNamespace(segments=segments)
+    said = what_is_left(SimpleNamespace(verdict_="refit", _diagnosis=diagnosis, location_=location))
+    assert ("of position is left (root mean square, most of it from 35 to 60 s)" in said) == moved
 
 
 @pytest.mark.long

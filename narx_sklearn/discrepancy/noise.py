@@ -74,6 +74,14 @@ class Noise(NamedTuple):
             return _root_of_covariance(tuple(a.tolist()))
         return np.sqrt([[1.0 + (a[0] - b) ** 2 / max(1.0 - a[0] ** 2, FORGOTTEN)]])
 
+    def deviation(self, output: int) -> float:
+        """Return the standard deviation of an output's noise, infinite where it drifts."""
+        a, _ = self.colour(output)
+        root = self.starting(output)
+        if a.size and (root is None or a[0] >= 1.0):
+            return np.inf
+        return float(self.sigma[output] * (1.0 if root is None else np.linalg.norm(root[0])))
+
     def gone_after(self, samples: np.ndarray, output: int) -> np.ndarray:
         """Return how far the drift of an output goes in some samples, its variance over the innovations'."""
         a, b = self.coefficients[output][0], self.average[output]

@@ -6,8 +6,9 @@ from narx_sklearn.discrepancy.acting import port_in_words
 from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.inference import told_together, untold
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.results import LEAST, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.results import LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
 
+WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
 A_FACTOR = 0.05  # relative: changes of parameters as near to each other are by one factor
 
@@ -91,7 +92,9 @@ def _what(dx) -> list[str]:
 
 
 def what_is_left(dx) -> str:
-    """Return what speaks against the names of a diagnosis in what they leave; empty where nothing does."""
+    """Return what speaks against a diagnosis in what it leaves; empty where nothing does."""
+    if dx.verdict_ in NOTHING_MISSING:
+        return _what_wanders(dx)
     if not any(finding.modelled for finding in dx.findings_):
         return ""
     words = []
@@ -103,6 +106,28 @@ def what_is_left(dx) -> str:
             "as elsewhere (mean square): they stand in for something else, or the machine has changed."
         )
     return " ".join(words)
+
+
+def _what_wanders(dx) -> str:
+    """Return that more is left of an output than its noise leaves, where that comes back to a level."""
+    problem = dx._diagnosis.problem
+    left = problem.left_over(dx._diagnosis.refitted.model)
+    left = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(problem.seen.sum(axis=(0, 1)), 1))
+    noise = np.array([problem.noise.deviation(output) for output in range(left.size)])
+    worst = int(np.argmax(left / noise))
+    if not left[worst] > WANDERS * noise[worst]:
+        return ""
+    signal = problem.simulator.outputs[worst]
+    there, here = (_quantity(size[worst], signal.unit, digits=2) for size in (left, noise))
+    where, when = dx.location_.segments, ""
+    if len(where):
+        most = where.loc[where["share"].idxmax()]
+        when = f", most of it from {most['start_s']:.4g} to {most['stop_s']:.4g} s"
+    return (
+        f"Yet {there} of {signal.name} is left (root mean square{when}) where the noise estimated below "
+        f"would leave {here}: something is slowly off, or has moved, a sensor's zero or a load. Noise that "
+        "drifts may be off as much."
+    )
 
 
 def what_it_is_like(dx) -> str:
@@ -169,14 +194,20 @@ def _parameters(dx) -> list[str]:
 
 
 def what_is_told_together(dx) -> list[str]:
-    """Return a sentence for each group of parameters that may change together with nothing to notice."""
+    """Return a sentence for each group of parameters that may change together with nothing to notice.
+
+    Parameters of effects are told only beside the simulator's own.
+    """
     modelled = any(finding.modelled for finding in dx.findings_)
     fit = dx._diagnosis.best.fit if modelled else dx._diagnosis.refitted
     names = [p.name for p in dx._diagnosis.problem.simulator.parameters]
+    n_own = len(names)
     for effect in fit.model.effects:
         names += [f"{name} of {effect.effect.code.replace('_', ' ')}" for name in parameter_names(effect)]
     directions, said = untold(fit), []
     for group in told_together(directions):
+        if group[0] >= n_own:
+            continue
         alike = np.isin(np.arange(len(names)), group).astype(float)
         factor = np.allclose(directions.T @ (directions @ alike), alike, atol=A_FACTOR)
         said.append(
