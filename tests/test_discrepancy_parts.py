@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from small_machines import axis_problem
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.bank import Bank, flexible_residual, out_of
+from narx_sklearn.discrepancy.bank import Bank, flexible_residual, moved_for, out_of
 from narx_sklearn.discrepancy.confirm import chance_of_noise
 from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
 from narx_sklearn.discrepancy.inference import (
@@ -526,6 +526,9 @@ class TestIntervals:
         problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
         found = fit(problem, Model(simulator.nominal, (), y[windows.first]))
         assert 0.3 < np.prod(found.model.p / simulator.nominal) < 3.0
+        rounding = found.jacobian @ (100.0 * found.model.p)  # no change that they would make together
+        moved = moved_for(problem, found, rounding, np.arange(3))
+        np.testing.assert_allclose(moved.p, found.model.p, rtol=0.3)
 
     @pytest.mark.parametrize(
         ("p_value", "least"), [(0.1, 0.385), (0.05, 0.289), (0.01, 0.111), (0.005, 0.067)]

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit, all_bounds
+from narx_sklearn.discrepancy.refit import ALIKE, Fit, all_bounds
 
 TANGENT = 1e-2  # share of an ordinary size that is injected
 INVISIBLE = 1e-6  # squared share of a column left after projection, below which it says nothing of its own
@@ -150,6 +150,8 @@ def entered(problem: Problem, fit: Fit, base, *placed: PlacedEffect) -> Model:
 def moved_for(problem: Problem, fit: Fit, change: np.ndarray, index: np.ndarray) -> Model:
     """Return a fitted model in which some parameters make a change, (W, T), as far as tangents let them.
 
+    None goes where parameters do nothing together.
+
     Parameters
     ----------
     index : ndarray of int
@@ -160,7 +162,7 @@ def moved_for(problem: Problem, fit: Fit, change: np.ndarray, index: np.ndarray)
     size = np.linalg.norm(J, axis=0)
     size[size == 0] = 1.0
     q = fit.model.q
-    q[index] += np.linalg.lstsq(J / size, wanted, rcond=1e-9)[0] / size
+    q[index] += np.linalg.lstsq(J / size, wanted, rcond=np.sqrt(ALIKE))[0] / size
     lower, upper = all_bounds(problem, fit.model).T
     return fit.model.with_q(np.clip(q, lower, upper))
 
