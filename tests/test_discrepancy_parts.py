@@ -553,7 +553,7 @@ def test_where_nothing_is_named_it_is_told_that_an_output_moved(moved):
     segments = pd.DataFrame({"share": [0.1, 0.8], "start_s": [0.0, 35.0], "stop_s": [10.0, 60.0]})
     location = SimpleNamespace(segments=segments)
     said = what_is_left(SimpleNamespace(verdict_="refit", _diagnosis=diagnosis, location_=location))
-    assert ("of position is left (root mean square, most of it from 35 to 60 s)" in said) == moved
+    assert ("of position is left (root mean square, most of it from 35 s to 60 s)" in said) == moved
 
 
 @pytest.mark.long

@@ -321,11 +321,11 @@ class TestDiagnosis:
 
     def test_it_is_told_what_the_unknown_signal_is_like(self, diagnosed):
         dx, _, _ = diagnosed
-        assert dx.location_.against == ("position [m]", "rate of position [m]", "drive [V]")
+        assert dx.location_.against == ("position [m]", "rate of position [m/s]", "drive [V]")
         readings = dx.location_.invariances["reading"]
         assert readings[["odd", "memory"]].tolist() == ["odd", "no memory seen"]  # a sine of the output
         assert readings["memoryless"] == "noise or something else beside a function of x, v, u"
-        assert "with x = position [m], v = rate of position [m] and u = drive [V]: odd; " in dx.report_
+        assert "with x = position [m], v = rate of position [m/s] and u = drive [V]: odd; " in dx.report_
 
     def test_the_simulation_stays_the_refitted_one(self, diagnosed):
         dx, u, _ = diagnosed

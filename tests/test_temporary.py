@@ -419,6 +419,7 @@ def test_what_was_not_fitted_is_not_said():
         (ALWAYS, ""),
         ((3.0, 7.5), ", from 3 s to 7.5 s"),
         ((3.0, np.inf), ", from 3 s on"),
+        ((149760.0, np.inf), ", from 149760 s on"),
         ((-np.inf, 7.5), ", until 7.5 s"),
     ],
 )

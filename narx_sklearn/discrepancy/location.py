@@ -20,7 +20,8 @@ from narx_sklearn.discrepancy.locate import (
     stated_regions,
     tangent,
 )
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulator import Signal, Simulator, Windows
+from narx_sklearn.discrepancy.units import tidy_unit
 
 FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
@@ -108,23 +109,24 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
     problem, (first, *_) = diagnosis.problem, location.ports.to_dict("records")
     simulator, samples = problem.simulator, location.force["sample"].to_numpy()
     run = problem.run(diagnosis.best.fit.model)
-    x, u, names = run.x[samples], problem.u[samples], [str(s) for s in simulator.states]
+    x, u, names = run.x[samples], problem.u[samples], simulator.states
     port, drive, force = int(first["index"]), 0, location.force["force"].to_numpy()
 
-    def with_rate(values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, str, str]:
-        return values, np.gradient(values, simulator.dt), name, f"rate of {name}"
+    def with_rate(values: np.ndarray, signal: Signal) -> tuple[np.ndarray, np.ndarray, str, str]:
+        moves = Signal(f"rate of {signal.name}", tidy_unit(f"{signal.unit}/s") if signal.unit else "")
+        return values, np.gradient(values, simulator.dt), str(signal), str(moves)
 
     if first["kind"] == "input":
-        position, rate, *called = with_rate(u[:, port], str(simulator.inputs[port]))
+        position, rate, *called = with_rate(u[:, port], simulator.inputs[port])
         drive = next((j for j in range(u.shape[1]) if j != port), port)
     elif first["kind"] == "output":
-        position, rate, *called = with_rate(run.y[samples, port], str(simulator.outputs[port]))
+        position, rate, *called = with_rate(run.y[samples, port], simulator.outputs[port])
         # what is asked for is what is left; a smoother would call it coloured noise
         force = (problem.y - diagnosis.base_run.y)[samples, port]
     else:
         partner = diagnosis.structure.partner[port]
         if partner >= 0:
-            position, rate, called = x[:, partner], x[:, port], [names[partner], names[port]]
+            position, rate, called = x[:, partner], x[:, port], [str(names[partner]), str(names[port])]
         else:
             position, rate, *called = with_rate(x[:, port], names[port])
         drive = next(iter(np.flatnonzero(diagnosis.structure.inputs[port]).tolist()), 0)

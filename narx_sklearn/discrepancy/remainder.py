@@ -27,6 +27,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Run
 from narx_sklearn.discrepancy.steps import measured_steps
 from narx_sklearn.discrepancy.structure import Structure
+from narx_sklearn.discrepancy.units import in_seconds
 
 ROUNDS = 2  # of noise and parameters in turn
 CHUNK = 64  # forces answered to at once, so that memory does not grow with their number
@@ -354,7 +355,7 @@ def _when(problem: Problem, e: np.ndarray, place: np.ndarray) -> str:
         k = int(np.argmax(means))
         times.append(problem.rows.ravel()[place[k]] * problem.simulator.dt)
         means[max(k - length, 0) : k + length] = 0.0
-    return " round " + ", ".join(f"{t:.4g} s" for t in sorted(times)) if times else ""
+    return " round " + ", ".join(in_seconds(t, 4) for t in sorted(times)) if times else ""
 
 
 def _line(problem: Problem, e: np.ndarray) -> Sign:

@@ -7,6 +7,7 @@ from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.inference import told_together, untold
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.units import in_seconds, rounded
 
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
@@ -102,8 +103,8 @@ def what_is_left(dx) -> str:
         words += ["What these leave is no noise.", *(sign.words for sign in against)]
     if dx._left_there > STANDS_IN:
         words.append(
-            f"Even fitted to the held-out samples too, these leave {dx._left_there:.2g} times as much there "
-            "as elsewhere (mean square): they stand in for something else, or the machine has changed."
+            f"Even fitted to the held-out samples too, these leave {rounded(dx._left_there)} times as much "
+            "there as elsewhere (mean square): they stand in for something else, or the machine has changed."
         )
     return " ".join(words)
 
@@ -122,7 +123,7 @@ def _what_wanders(dx) -> str:
     where, when = dx.location_.segments, ""
     if len(where):
         most = where.loc[where["share"].idxmax()]
-        when = f", most of it from {most['start_s']:.4g} to {most['stop_s']:.4g} s"
+        when = f", most of it from {in_seconds(most['start_s'])} to {in_seconds(most['stop_s'])}"
     return (
         f"Yet {there} of {signal.name} is left (root mean square{when}) where the noise estimated below "
         f"would leave {here}: something is slowly off, or has moved, a sensor's zero or a load. Noise that "
@@ -159,8 +160,9 @@ def what_adds_up(dx) -> str:
     length = problem.simulator.dt * problem.windows.length
     there, here = (_quantity(size[worst], signal.unit, digits=2) for size in (whole, in_windows))
     return (
-        f"There the corrected simulation leaves {there} of {signal.name}, in the windows of {length:.3g} s "
-        f"that were fitted {here}: over a whole run small errors add up, or something slow is missing."
+        f"There the corrected simulation leaves {there} of {signal.name}, in the windows of "
+        f"{in_seconds(length, 3)} that were fitted {here}: over a whole run small errors add up, or "
+        "something slow is missing."
     )
 
 

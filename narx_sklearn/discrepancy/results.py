@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from narx_sklearn.discrepancy.units import in_seconds
+
 VERDICTS = {
     "consistent": "The simulation agrees with the recordings; nothing is missing that these data can show.",
     "refit": "No physics is missing; the simulation's parameters are off.",
@@ -101,10 +103,9 @@ class Finding:
             return ""
         begins, ends = self.during
         if not np.isfinite(begins):
-            return f", until {ends:.5g} s"
-        return (
-            f", from {begins:.5g} s on" if not np.isfinite(ends) else f", from {begins:.5g} s to {ends:.5g} s"
-        )
+            return f", until {in_seconds(ends)}"
+        begins_at = f", from {in_seconds(begins)}"
+        return f"{begins_at} on" if not np.isfinite(ends) else f"{begins_at} to {in_seconds(ends)}"
 
     @property
     def modelled(self) -> bool:

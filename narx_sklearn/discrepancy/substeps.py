@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.units import rounded
 
 FINER = 4  # times as many steps, to compare with
 EXPLAINING = 0.5  # of what effects do: finer steps may be all that is missing
@@ -89,8 +90,8 @@ def coarse_steps(simulator: Simulator, coarse: Coarse) -> DataFinding:
     signal, step = simulator.outputs[coarse.output], simulator.dt / simulator.substeps
     finer = _in_finer_steps(simulator).substeps
     how_far = (
-        f"{signal.name} moves by {coarse.error:.2g} {signal.unit} root mean square, {coarse.share:.1g} times "
-        "its noise"
+        f"{signal.name} moves by {coarse.error:.2g} {signal.unit} root mean square, "
+        f"{rounded(coarse.share)} times its noise"
         if np.isfinite(coarse.error)
         else f"{signal.name} no longer leaves the finite range"
     )

@@ -225,3 +225,25 @@ def _symbol(name: str) -> tuple[float, dict[str, int]]:
         power = int(name[-1])
         return scale**power, {base: power * count for base, count in dimension.items()}
     return 1.0, {name: 1}
+
+
+def in_seconds(time: float, digits: int = 5) -> str:
+    """Return a time with its unit, a long one without a power of ten.
+
+    Examples
+    --------
+    >>> in_seconds(7.5), in_seconds(149760.0)
+    ('7.5 s', '149760 s')
+    """
+    return (f"{time:.0f}" if abs(time) >= 10**digits else f"{time:.{digits}g}") + " s"
+
+
+def rounded(times: float) -> str:
+    """Return a factor to two digits, a large one without a power of ten.
+
+    Examples
+    --------
+    >>> rounded(1.52), rounded(123.0)
+    ('1.5', '120')
+    """
+    return f"{float(f'{times:.2g}'):.9g}"
