@@ -1,7 +1,7 @@
 """Mistakes in a record that would be sold as physics: found before the diagnosis begins."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.mistakes import (
     Case,
     Mistake,
     agreement_at_best,
+    boxed,
     find_mistakes,
     make_case,
 )
@@ -177,8 +178,7 @@ def still_standing(
     arrives late, too: an effect that leaves far less, beyond the noise that nothing explains, says what it
     is. But a fit with a gain a thousand times the nominal is no better than another unit, nor one with every
     rate doubled than another sampling period: what leaves less must do so with parameters that are as near as
-    undoing a mistake needs them. Of those that only do something together (a mass and all forces on it) the
-    nearest count.
+    undoing a mistake needs them. Where they lie elsewhere, it is fitted again with such.
 
     Parameters
     ----------
@@ -196,9 +196,8 @@ def still_standing(
 
     def missed(model: Model) -> float:
         if not _within_box(problem.simulator, model.p):
-            model = _nearest_alike(problem, model)
-            if not _within_box(problem.simulator, model.p):
-                return np.inf
+            nearest = _nearest_alike(problem, model)
+            model = fit(replace(problem, simulator=boxed(problem.simulator)), nearest).model
         left = (problem.y - problem.run(model).y) / spread
         return float(np.mean(left[problem.rows][problem.seen] ** 2))
 

@@ -96,8 +96,6 @@ class Mistake(NamedTuple):
 
 def make_case(simulator: Simulator, u, y, pieces, n_jobs: int | None = None) -> Case | None:
     """Return the record in a few windows, None where it is too short for any."""
-    boxed = copy(simulator)
-    boxed.parameters = tuple(_boxed(parameter) for parameter in simulator.parameters)
     shortest = max(SHORTEST, shortest_window(simulator))
     n_samples = sum(piece.stop - piece.start for piece in pieces)
     segment = max(n_samples // WINDOWS, 2 * shortest)
@@ -113,7 +111,14 @@ def make_case(simulator: Simulator, u, y, pieces, n_jobs: int | None = None) -> 
         return None
     integers = [np.array(values, dtype=np.int64) for values in (first, last, began)]
     windows = Windows(integers[0], integers[1], np.ones(len(first), dtype=bool), integers[2])
-    return Case(boxed, u, y, windows, n_jobs)
+    return Case(boxed(simulator), u, y, windows, n_jobs)
+
+
+def boxed(simulator: Simulator) -> Simulator:
+    """Return a simulator whose parameters are bound to the box round their nominal values."""
+    bound = copy(simulator)
+    bound.parameters = tuple(_boxed(parameter) for parameter in simulator.parameters)
+    return bound
 
 
 def _boxed(parameter):
