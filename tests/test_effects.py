@@ -44,6 +44,7 @@ from narx_sklearn.physics.effects._hysteresis import (
     _weighted_plays_run,
 )
 from narx_sklearn.physics.effects._limits import _rate_limit_run
+from narx_sklearn.physics.effects._registry import _check_fields, _check_trial
 
 # which effect acts where: the table of the catalogue's specification
 PLACES = {
@@ -1337,12 +1338,27 @@ class TestRegistry:
             ({"transform": lambda signal, *a: signal[:-1]}, r"transform returned shape \(63,\)"),
             ({"transform": lambda signal, *a: signal.__imul__(2.0)}, "transform changed its signal"),
             ({"held": lambda signal, *a: (signal, signal[:-1])}, r"held returned shape \(63,\)"),
+            ({"curved": lambda signal, *a: (signal, signal, signal[:-1])}, r"curved returned shape \(63,\)"),
+            ({"curved": 1.0}, "curved must be callable"),
+            ({"acts_in": lambda theta: ((1.0, -1.0),)}, r"acts_in returned \[\[1.0, -1.0\]\]"),
+            ({"acts_in": lambda theta: (theta[0], np.inf)}, "acts_in returned"),
+            ({"acts_in": raising}, "acts_in raised KeyError"),
+            (
+                {"scan": lambda setting, residual: (np.ones((5, 3)), 5)},
+                r"scan returned rows of shape \(5, 3\)",
+            ),
+            ({"scan": lambda setting, residual: np.ones((5, 1))}, "scan raised"),
         ],
     )
     def test_a_malformed_entry_is_refused_with_a_reason(self, changes, message):
         with pytest.raises(ValueError, match=message):
             register_effect(make(**changes))
         assert "magnet" not in CATALOGUE
+
+    @pytest.mark.parametrize("effect", CATALOGUE.values(), ids=by_code)
+    def test_what_is_asked_of_entries_holds_for_the_catalogue(self, effect):
+        _check_fields(effect)
+        _check_trial(effect)
 
     def test_only_effects_are_registered(self):
         with pytest.raises(TypeError, match="must be an Effect, got str"):

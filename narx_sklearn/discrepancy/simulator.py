@@ -393,7 +393,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         addresses[i] = force_address(effect.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
-        sticks[i] = effect.last
+        sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights

@@ -184,7 +184,7 @@ def _check_fields(effect: Effect) -> None:
         )
     if not effect.ports:
         refuse("it can act nowhere: input_port and output_port are both off and there is no force.")
-    for name in ("force", "transform", "held", "phi", "limits"):
+    for name in ("force", "transform", "held", "curved", "phi", "limits", "acts_in", "scan"):
         if getattr(effect, name) is not None and not callable(getattr(effect, name)):
             refuse(f"{name} must be callable, got {type(getattr(effect, name)).__name__}.")
     if not callable(effect.starts):
@@ -254,6 +254,12 @@ def _check_trial(effect: Effect) -> None:
         _try_on_signal(effect, "transform", lambda signal, at: _transformed(effect, signal, at, theta))
     if effect.held is not None:
         _try_on_signal(effect, "held", lambda signal, at: _held(effect, signal, at, theta))
+    if effect.curved is not None:
+        _try_on_signal(effect, "curved", lambda signal, at: _curved(effect, signal, at, theta))
+    if effect.acts_in is not None:
+        _try_acts_in(effect, theta)
+    if effect.scan is not None:
+        _try_scan(effect)
 
 
 def _transformed(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) -> tuple:
@@ -262,6 +268,36 @@ def _transformed(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndar
 
 def _held(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) -> tuple:
     return tuple(effect.held(signal, TRIAL_STEP, theta.copy(), at.first))
+
+
+def _curved(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) -> tuple:
+    return tuple(effect.curved(signal, signal.copy(), signal.copy(), TRIAL_STEP, theta.copy(), at.first))
+
+
+def _try_acts_in(effect: Effect, theta: np.ndarray) -> None:
+    spans = _tried(effect, "acts_in", lambda: np.asarray(effect.acts_in(theta.copy()), dtype=float))
+    if spans.ndim != 2 or spans.shape[1] != 2 or not np.all(spans[:, 0] <= spans[:, 1]):
+        raise ValueError(
+            f"Effect {effect.code!r}: acts_in returned {spans.tolist()}; wanted is ((low, high), ...), "
+            "between which values of its argument it acts."
+        )
+
+
+def _try_scan(effect: Effect) -> None:
+    setting = trial_setting()
+    residual = 0.1 * np.sign(setting.argument)
+
+    def scanned() -> tuple:
+        rows, n_tried = effect.scan(setting._replace(residual=residual), residual)
+        return np.shape(rows), float(n_tried)
+
+    shape, n_tried = _tried(effect, "scan", scanned)
+    n = len(effect.parameters)
+    if len(shape) != 2 or shape[1] != n or n_tried < shape[0]:
+        raise ValueError(
+            f"Effect {effect.code!r}: scan returned rows of shape {shape} and {n_tried:g} tried; wanted is "
+            f"(n_rows, {n}), one column a parameter, and the number of all that were tried."
+        )
 
 
 def _try_on_signal(effect: Effect, name: str, call) -> None:
