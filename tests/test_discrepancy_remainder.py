@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.remainder import Remainder, Sign, _in_bursts, look_at_remainder
+from narx_sklearn.discrepancy.remainder import Remainder, Sign, _in_bursts, _shared, look_at_remainder
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 
@@ -357,3 +357,10 @@ def test_an_unknown_signal_of_a_machine_without_inputs_is_described_too():
     dx = DiscrepancyRegressor(nominal, effects=["coulomb_friction"]).fit(np.zeros((600, 0)), y)
     assert dx.verdict_ == "unknown"
     assert dx.location_.against[-1] == "no input"
+
+
+@pytest.mark.parametrize("length", [4, 9, 300])
+def test_what_two_outputs_share_is_told_in_windows_of_any_length(length):
+    one, noise = np.random.default_rng(0).normal(size=(2, 400, length))
+    assert _shared(one, 2.0 * one) == pytest.approx(1.0)
+    assert _shared(one, noise) < 0.1

@@ -253,10 +253,11 @@ def _together(problem: Problem, found: Fit, leverage: np.ndarray, e: np.ndarray)
 
 def _shared(one: np.ndarray, other: np.ndarray) -> float:
     """Return the lesser share of the power of two signals, (W, L), that a filter makes of the other's."""
-    shares = []
+    shares, length = [], one.shape[1]
+    reach = min(REACH, length // 4)  # half of a short window at least is inside
     for target, source in ((one, other), (other, one)):
-        inside = slice(REACH, target.shape[1] - REACH)
-        late = [source[:, REACH + k : source.shape[1] - REACH + k] for k in range(-REACH, REACH + 1)]
+        inside = slice(reach, length - reach)
+        late = [source[:, reach + k : length - reach + k] for k in range(-reach, reach + 1)]
         columns = np.stack([column.ravel() for column in late], axis=1)
         wanted = target[:, inside].ravel()
         rest = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
