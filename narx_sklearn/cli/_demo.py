@@ -90,7 +90,10 @@ def run(options) -> None:
         None,
         PERIOD,
         np.zeros(len(record), dtype=int),
-        (f"A simulated stage with dry friction of {COULOMB} N, of which the simulation knows nothing.",),
+        (
+            f"A simulated stage of {MASS:g} kg with dry friction of {COULOMB} N, of which the simulation "
+            "knows nothing.",
+        ),
     )
     tell_notes(recording.notes, options.quiet)
     dx = DiscrepancyRegressor(demo_simulator(), random_state=0)
