@@ -17,6 +17,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
+from narx_sklearn.report import render_report
 
 RAMP = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(0.02, 100.0, 0.0, 0.0))
 OFFSET = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.01,))
@@ -173,3 +174,23 @@ class TestOffsetThatDidNotStay:
         assert dx.verdict_ in ("explained", "ambiguous")
         assert dx.findings_[0].effect == "additive_drift"
         assert "sensor_bias" not in dx.findings_[0].lookalikes
+
+
+def test_a_drift_that_turns_takes_nothing_back_of_what_is_beside_it():
+    def hardening(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0] - 2.0 * x[0] ** 3
+
+    rng, n = np.random.default_rng(3), 1500
+    u = np.repeat(rng.normal(0.0, 3.0, n // 15), 15)[:, None]
+    y = make_axis(1.1, 0.7, hardening).simulate(u) + 0.01 * rng.normal(size=(n, 1))
+    t = np.arange(n) / n
+    y += 0.3 * np.where(t < 0.8, t, 0.8 - 6.0 * (t - 0.8))[:, None]
+    asked = {"effects": ["cubic_stiffness", "additive_drift"], "random_state": 0}
+    dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
+    assert dx.verdict_ in ("explained", "ambiguous")
+    assert {finding.effect for finding in dx.findings_} == {"cubic_stiffness", "additive_drift"}
+    assert [effect.effect.code for effect in dx.simulator_.effects] == ["cubic_stiffness"]
+    assert dx.scores_["nrmse"]["augmented"] < dx.scores_["nrmse"]["refitted"]
+    told = "course of a drift: the corrected simulation leaves it out"
+    assert told in dx.report_
+    assert told in render_report(dx, u, y)

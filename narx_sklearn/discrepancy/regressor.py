@@ -17,7 +17,7 @@ from narx_sklearn._validation import column_labels, session_slices
 from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.beginning import begin
 from narx_sklearn.discrepancy.checks import check_record, still_standing, to_be_mended
-from narx_sklearn.discrepancy.confirm import DRIFT
+from narx_sklearn.discrepancy.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.designs import read_column, read_limits
 from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
@@ -561,7 +561,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         best = diagnosis.best
         self._left_there = self._left_over_there(held) if held else 1.0
         self._not_confirmed = held is not None and held.is_silent(best.fit.cost / best.n_samples)
-        if held and self._harms(held):
+        if held and self._harms(held) and not self._serves_without_drifts(u, y, held_out):
             # what began may have ended since; an offset would have stayed
             ended = only_where_fitted(diagnosis.problem, best)
             milder = diagnosis.as_drift if ended is None else replace(diagnosis, best=ended)
@@ -600,6 +600,22 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses, {"augmented": self._lead})
         spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
         return score_table(errors, spread, self.level, self.random_state)
+
+    def _serves_without_drifts(self, u, y, held_out) -> bool:
+        """Leave drifts of outputs out of the corrected simulation, if what is beside them then does no harm.
+
+        Nobody can foresee their course, which says nothing of what was found beside them.
+        """
+        whole, scores, held_pieces = self.simulator_, self.scores_, self.held_out_
+        foreseen = tuple(effect for effect in whole.effects if not is_drift(effect))
+        if not foreseen or len(foreseen) == len(whole.effects):
+            return False
+        self.simulator_ = whole.with_effects(foreseen)
+        self.scores_ = self._verify(u, y, held_out)
+        if not self._harms(self._on_held_out(held_out)):
+            return True
+        self.simulator_, self.scores_, self.held_out_ = whole, scores, held_pieces
+        return False
 
     def _extrapolate(self) -> Extrapolation:
         """Return how the corrected simulation does where the machine moves farther than it was fitted."""

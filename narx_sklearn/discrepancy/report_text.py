@@ -228,16 +228,26 @@ def _scores(dx) -> list[str]:
         lines.append(
             "   Something that is missing shows near the end only, so the beginning was held out instead."
         )
-    if dx.verdict_ in ("explained", "ambiguous") and not dx.simulator_.effects:
-        lines.append(
-            "   Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
+    if left_out := what_is_left_out(dx):
+        lines.append(f"   {left_out}")
+    return [*lines, ""]
+
+
+def what_is_left_out(dx) -> str:
+    """Return what the corrected simulation leaves out of what was found; empty where it has all of it."""
+    n_used, n_found = len(dx.simulator_.effects), len(dx._diagnosis.best.effects)
+    if dx.verdict_ in NOTHING_MISSING or n_used == n_found:
+        return ""
+    if n_used:
+        return "Nobody can foresee the course of a drift: the corrected simulation leaves it out."
+    if dx.verdict_ in ("explained", "ambiguous"):
+        return (
+            "Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
             "simulation leaves it out."
         )
-    elif any(finding.modelled for finding in dx.findings_) and not dx.simulator_.effects:
-        lines.append(
-            "   What comes nearest does held-out samples no good: the corrected simulation leaves it out."
-        )
-    return [*lines, ""]
+    if any(finding.modelled for finding in dx.findings_):
+        return "What comes nearest does held-out samples no good: the corrected simulation leaves it out."
+    return ""
 
 
 def _errors(scores) -> list[str]:

@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.report_text import (
     verdict_sentence,
     what_adds_up,
     what_is_left,
+    what_is_left_out,
     what_is_not_confirmed,
     what_is_told_together,
 )
@@ -417,7 +418,12 @@ def _proof(dx, material: Material, outputs) -> dict | None:
     return {
         "figures": figures,
         "table": held_out_table(dx, outputs),
-        "said": [what_adds_up(dx), what_is_not_confirmed(dx), how_it_extrapolates(dx)],
+        "said": [
+            what_adds_up(dx),
+            what_is_not_confirmed(dx),
+            what_is_left_out(dx),
+            how_it_extrapolates(dx),
+        ],
         "louder": louder_table(dx, outputs),
     }
 

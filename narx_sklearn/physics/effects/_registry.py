@@ -1,5 +1,6 @@
 """The catalogue, and the entries that users add to it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -257,7 +258,7 @@ def _check_trial(effect: Effect) -> None:
     if effect.curved is not None:
         _try_on_signal(effect, "curved", lambda signal, at: _curved(effect, signal, at, theta))
     if effect.acts_in is not None:
-        _try_acts_in(effect, theta)
+        _try_acts_in(effect, effect.acts_in, theta)
     if effect.scan is not None:
         _try_scan(effect)
 
@@ -274,8 +275,8 @@ def _curved(effect: Effect, signal: np.ndarray, at: Setting, theta: np.ndarray) 
     return tuple(effect.curved(signal, signal.copy(), signal.copy(), TRIAL_STEP, theta.copy(), at.first))
 
 
-def _try_acts_in(effect: Effect, theta: np.ndarray) -> None:
-    spans = _tried(effect, "acts_in", lambda: np.asarray(effect.acts_in(theta.copy()), dtype=float))
+def _try_acts_in(effect: Effect, acts_in: Callable, theta: np.ndarray) -> None:
+    spans = _tried(effect, "acts_in", lambda: np.asarray(acts_in(theta.copy()), dtype=float))
     if spans.ndim != 2 or spans.shape[1] != 2 or not np.all(spans[:, 0] <= spans[:, 1]):
         raise ValueError(
             f"Effect {effect.code!r}: acts_in returned {spans.tolist()}; wanted is ((low, high), ...), "
