@@ -447,12 +447,12 @@ class TestRuns:
 
     @pytest.mark.parametrize("effect", [e for e in FORCES if not e.after], ids=by_code)
     def test_a_run_is_the_same_where_the_kernel_looks_for_anything_special(
-        self, oscillator, effect, ordinary
+        self, oscillator, effect, ordinary, level
     ):
         u = np.column_stack([20 * wideband(), 20.0 + wideband(seed=2)])
         whole, at_rest = _whole(1200)
         limit = placed_on_mass(CATALOGUE["overflow"], [0.0, 0.0])  # acts after each step, here at no strength
-        for theta in starts_of(effect, ordinary, ordinary)[:2]:
+        for theta in starts_of(effect, ordinary, level)[:2]:
             acting = placed_on_mass(effect, theta)
             alone = oscillator.run(u, whole, at_rest, effects=[acting])
             beside = oscillator.run(u, whole, at_rest, effects=[acting, limit], strength=[1.0, 0.0])

@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.swaps import swaps
+from narx_sklearn.discrepancy.swaps import special_cases, swaps
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -159,3 +159,16 @@ def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(prob
     again = coloured_search._under_clearer_noise(before, None, settings).problem
     assert working.noise.sigma[0] > 1.5 * 0.002
     assert again.noise.sigma[0] == pytest.approx(0.002, rel=0.1)
+
+
+def test_what_a_law_becomes_at_an_edge_is_fitted_from_there(problem):
+    stribeck = fitted(problem, at_velocity("stribeck_friction", 0.3, 1.0, 1e-9, 2.0))
+    (simple,) = special_cases(problem, stribeck, RIVALS)
+    assert simple.effects[0].place == COULOMB.place
+    assert simple.effects[0].theta[0] == pytest.approx(0.3, abs=0.01)
+    assert simple.fit.cost == pytest.approx(stribeck.fit.cost, rel=1e-3)
+    # of a set the others stay, and what was not asked for is not tried
+    (beside,) = special_cases(problem, fitted(problem, LOAD, *stribeck.effects), RIVALS)
+    assert codes([beside]) == [["constant_load", "coulomb_friction"]]
+    assert special_cases(problem, stribeck, [hypothesis(COULOMB, asked=False)]) == []
+    assert special_cases(problem, fitted(problem, COULOMB), RIVALS) == []

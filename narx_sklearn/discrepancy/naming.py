@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.lookalikes import REFINES, declared_rival, is_one_
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.settings import Settings
-from narx_sklearn.discrepancy.swaps import exchanges, swaps
+from narx_sklearn.discrepancy.swaps import exchanges, special_cases, swaps
 
 EXCHANGES = 2  # members of a set that may be exchanged
 FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
@@ -46,6 +46,7 @@ def _likeliest_set(
         others = exchanges(problem, likeliest(sets, unexplained), pool) if sets else []
         if best.places not in swapped:
             swapped.append(best.places)
+            others += special_cases(problem, best, hypotheses)
             others += swaps(problem, best, [*pool, *others], hypotheses, n_jobs)
         if not others:
             break

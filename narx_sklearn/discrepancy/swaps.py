@@ -1,6 +1,7 @@
 """Other effects in the places of a set's members: what stood there first need not be what fits best."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -39,6 +40,32 @@ def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[
             if other.port == member.port and (related or as_good) and is_new:
                 known.add(places)
                 found.append(_swapped(problem, best, i, other))
+    return found
+
+
+def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return a set refitted with what a member becomes at an edge of its parameters, from where that lies.
+
+    Friction that holds and lets go makes a cost full of steps, on one of which the simpler law may have been
+    left standing; where its parameters are those of the more general by name, they are as good a beginning.
+    """
+    asked = {h.placed.effect.code: h.placed.effect for h in hypotheses if h.asked}
+    found = []
+    for i, member in enumerate(best.effects):
+        general, n = member.effect, len(member.effect.parameters)
+        given = dict(zip((p.name for p in general.parameters), member.theta, strict=False))
+        for special in (asked[code] for code in general.holds if code in asked):
+            names = [p.name for p in special.parameters]
+            if special.argument != general.argument or not given.keys() >= set(names):
+                continue
+            theta = (*(given[name] for name in names), *member.theta[n:])
+            effects = (
+                *best.effects[:i],
+                replace(member, effect=special, theta=theta),
+                *best.effects[i + 1 :],
+            )
+            model = best.fit.model._replace(effects=effects)
+            found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
 
 
