@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from small_machines import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
@@ -19,7 +20,7 @@ from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned
 from narx_sklearn.report._runs import gather, whitened
-from narx_sklearn.report._words import headline, number
+from narx_sklearn.report._words import finding_table, headline, number
 
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
@@ -315,3 +316,16 @@ def test_a_report_is_written_to_a_file_from_a_dataframe(case, tmp_path):
     dx, u, y = case
     write_report(dx, tmp_path / "report.html", pd.DataFrame({"drive [V]": u}), pd.Series(y))
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_a_limit_that_nothing_reached_is_not_told_as_a_number():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 3.0, 60), 20)[:, None]
+    y = make_axis().simulate(np.minimum(u, 2.0)) + 0.01 * rng.normal(size=(1200, 1))
+    dx = DiscrepancyRegressor(make_axis(), effects=["input_saturation"]).fit(u, y)
+    assert "low" in dx.findings_[0].untold
+    assert "high" not in dx.findings_[0].untold
+    assert "low: these data do not tell it" in dx.report_
+    assert dx.findings_[0].parameters["high"] == pytest.approx(2.0, abs=0.05)
+    row = next(row for row in finding_table(dx.findings_[0], 0.9).rows if row[0] == "low")
+    assert row[1] == "not told"

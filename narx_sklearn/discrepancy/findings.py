@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
+from itertools import compress
 
 import numpy as np
 
@@ -36,6 +37,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
         names = parameter_names(placed)
         rows = sure[best.fit.model.theirs[i]]
+        untold = np.all(rows == placed.domain, axis=1) & (np.ptp(placed.domain, axis=1) > 0)
         found.append(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
@@ -56,6 +58,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
                 during=placed.during if placed.passes else None,
+                untold=tuple(compress(names, untold)),
                 evidence={
                     "criterion_gain": float(
                         base.cost and Candidate(base, best.n_samples).criterion - best.criterion

@@ -76,6 +76,9 @@ def _what(dx) -> list[str]:
         if finding.equation:
             lines.append(f"   {finding.equation}" + (f", {finding.argument}" if finding.argument else ""))
         for name, value in finding.parameters.items():
+            if name in finding.untold:
+                lines.append(f"   {name}: these data do not tell it")
+                continue
             low, high = finding.intervals[name]
             value_text = _quantity(value, finding.units[name])
             lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")

@@ -54,6 +54,8 @@ class Finding:
         Their confidence intervals.
     units : dict
         Their units.
+    untold : tuple of str, default=()
+        Names of those of which these data tell nothing: any value that they may have is as likely.
     lookalikes : tuple of str
         Codes of the effects that explain these data about as well.
     p_value : float
@@ -95,6 +97,7 @@ class Finding:
     confidence: float = 0.0
     during: tuple[float, float] | None = None
     evidence: dict | None = None
+    untold: tuple[str, ...] = ()
 
     @property
     def when(self) -> str:

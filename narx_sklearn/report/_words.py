@@ -183,7 +183,9 @@ def _score_table(dx, scores, title: str, outputs: Sequence[str]) -> TableText:
 def finding_table(finding, level: float) -> TableText:
     """Return a finding's parameters."""
     rows = [
-        (name, number(value), *(number(edge) for edge in finding.intervals[name]), finding.units[name])
+        (name, "not told", "", "", finding.units[name])
+        if name in finding.untold
+        else (name, number(value), *(number(edge) for edge in finding.intervals[name]), finding.units[name])
         for name, value in finding.parameters.items()
     ]
     header = ("parameter", "value", f"{percent(level)} from", "to", "unit")
