@@ -355,6 +355,17 @@ def test_make_diagnose_and_score_run_end_to_end(tmp_path):
     tables = score(tmp_path)
     assert not tables["cases"]["failed"].any()
     assert {"T0", "T2"} <= set(tables["cells"]["cell"])
+    nulls = tables["cases"].query("cell == 'T0'")
+    assert (nulls["n_intervals"] == 3).all()  # gain, damping, stiffness: of every one it is judged
+
+
+def test_intervals_are_held_against_the_true_parameters():
+    truth = truth_of(cell="T1") | {"parameters": {"gain [N/V]": 1.0, "damping [1/s]": 2.0}}
+    verdict = verdict_of("refit") | {"parameters": {"gain": [1.1, 0.9, 1.3], "damping": [1.0, 0.5, 1.5]}}
+    row = judge.judge(
+        truth, verdict, {"other_clean": np.ones((3, 1)), "amplitude_clean": np.ones((3, 1))}, {}, None
+    )
+    assert (row["covered"], row["n_intervals"]) == (0.5, 2)
 
 
 def verdict_of(said, *effects, port="state:1", lookalikes=()):

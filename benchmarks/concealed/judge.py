@@ -72,11 +72,9 @@ def _oracle_z(truth):
 def _judge_null(truth, verdict, named):
     excused = set(named) <= RIGHT_ON_NOISE.get(truth["noise"], set()) and bool(named)
     excused = excused and all(f["port"].startswith("output") for f in verdict["findings"])
-    covered = [
-        low <= truth["parameters"][name] <= high
-        for name, (_, low, high) in verdict.get("parameters", {}).items()
-        if name in truth["parameters"]
-    ]
+    told = verdict.get("parameters", {})  # by names, those of the truth with their units
+    true = {label.split(" [")[0]: value for label, value in truth["parameters"].items()}
+    covered = [low <= true[name] <= high for name, (_, low, high) in told.items()]
     return {
         "false_alarm": float((verdict["verdict"] in ALARMS and not excused) or verdict["verdict"] == "error"),
         "says_refit": float(verdict["verdict"] == "refit"),
