@@ -329,3 +329,15 @@ def test_a_limit_that_nothing_reached_is_not_told_as_a_number():
     assert dx.findings_[0].parameters["high"] == pytest.approx(2.0, abs=0.05)
     row = next(row for row in finding_table(dx.findings_[0], 0.9).rows if row[0] == "low")
     assert row[1] == "not told"
+
+
+def test_a_finding_tells_how_much_it_adds_along_the_record(case):
+    dx, u, y = case
+    (finding,) = dx.findings_
+    position = y[: int(0.8 * len(y))]
+    low, high = finding.adds
+    assert high == pytest.approx(-finding.parameters["k3"] * position.min() ** 3, rel=0.15)
+    assert low == pytest.approx(-finding.parameters["k3"] * position.max() ** 3, rel=0.15)
+    told = f"Along this record: {low:.3g} to {high:.3g} m/s^2 added to the rate of velocity."
+    assert told in dx.report_
+    assert told in render_report(dx, u, y)

@@ -6,7 +6,7 @@ from itertools import compress
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import correction_unit, port_in_words
+from narx_sklearn.discrepancy.acting import correction, correction_name, correction_unit, port_in_words
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
 
 OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
+MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -32,6 +33,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
         return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
     sure = intervals(diagnosis.problem, best.fit, level)
     share = 1 - best.fit.cost / base.cost
+    sizes = _sizes(diagnosis)
     found = []
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
@@ -59,6 +61,8 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 separate_by=placed.effect.separate_by,
                 during=placed.during if placed.passes else None,
                 untold=tuple(compress(names, untold)),
+                adds=sizes[i],
+                adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
                 evidence={
                     "criterion_gain": float(
                         base.cost and Candidate(base, best.n_samples).criterion - best.criterion
@@ -68,6 +72,20 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
             )
         )
     return found
+
+
+def _sizes(diagnosis: Diagnosis) -> list[tuple[float, float] | None]:
+    """Return the least and the most that each effect adds along the samples fitted, while it acts."""
+    problem, model = diagnosis.problem, diagnosis.best.fit.model
+    run = problem.run(model)
+    rows = problem.rows[problem.inside]
+    rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+    sizes: list[tuple[float, float] | None] = []
+    for index in range(len(model.effects)):
+        *_, added = correction(problem, model, run, index, rows, MOST_ASKED)
+        added = added[np.isfinite(added)]
+        sizes.append((float(added.min()), float(added.max())) if added.size else None)
+    return sizes
 
 
 def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:

@@ -82,6 +82,8 @@ def _what(dx) -> list[str]:
             low, high = finding.intervals[name]
             value_text = _quantity(value, finding.units[name])
             lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")
+        if finding.size:
+            lines.append(f"   {finding.size}")
         if finding.elsewhere:
             lines.append(f"   It fits as well {', or '.join(finding.elsewhere)}.")
         if finding.rivals:

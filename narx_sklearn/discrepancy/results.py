@@ -56,6 +56,10 @@ class Finding:
         Their units.
     untold : tuple of str, default=()
         Names of those of which these data tell nothing: any value that they may have is as likely.
+    adds : tuple of (float, float), default=None
+        The least and the most that it adds along the samples fitted; None where it has no form.
+    adds_to : str, default=""
+        What that is added to, its unit before it: ``"m/s^2 added to the rate of velocity"``.
     lookalikes : tuple of str
         Codes of the effects that explain these data about as well.
     p_value : float
@@ -98,6 +102,16 @@ class Finding:
     during: tuple[float, float] | None = None
     evidence: dict | None = None
     untold: tuple[str, ...] = ()
+    adds: tuple[float, float] | None = None
+    adds_to: str = ""
+
+    @property
+    def size(self) -> str:
+        """How large it is, "Along this record: 0 to 0.3 m added to position."; empty where it has no form."""
+        if self.adds is None:
+            return ""
+        low, high = self.adds
+        return f"Along this record: {low:.3g} to {high:.3g} {self.adds_to}."
 
     @property
     def when(self) -> str:
