@@ -54,12 +54,6 @@ class Finding:
         Their confidence intervals.
     units : dict
         Their units.
-    untold : tuple of str, default=()
-        Names of those of which these data tell nothing: any value that they may have is as likely.
-    adds : tuple of (float, float), default=None
-        The least and the most that it adds along the samples fitted; None where it has no form.
-    adds_to : str, default=""
-        What that is added to, its unit before it: ``"m/s^2 added to the rate of velocity"``.
     lookalikes : tuple of str
         Codes of the effects that explain these data about as well.
     p_value : float
@@ -80,6 +74,12 @@ class Finding:
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
         ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``,
         a ``"pulse"``, or that outputs go ``"together"``.
+    untold : tuple of str, default=()
+        Names of its parameters of which these data tell nothing: any value that they may have is as likely.
+    adds : tuple of (float, float), default=None
+        The least and the most that it adds along the samples fitted; None where it has no form.
+    adds_to : str, default=""
+        What that is added to, its unit before it: ``"m/s^2 added to the rate of velocity"``.
     """
 
     effect: str
