@@ -201,6 +201,15 @@ def check_same_length(**arrays) -> None:
     check_consistent_length(*(array for array in arrays.values() if array is not None))
 
 
+def check_inputs_given(X, inputs) -> None:
+    """Raise a ValueError where a model's inputs are None; without columns too they say how long to run."""
+    if X is None:
+        raise ValueError(
+            f"X is None, but the model has the inputs {list(inputs)}: pass an array of shape "
+            f"(n_samples, {len(inputs)}), which also says how many samples there are."
+        )
+
+
 def check_indexes(X, y) -> None:
     """Raise a ValueError where the rows of two tables are labelled and the labels say that they differ.
 

@@ -271,10 +271,8 @@ def _beside_drifts(
     if not drifting:
         return Candidate(refitted, candidate.n_samples), candidate
     off = {effect.port for effect in candidate.effects if effect.effect.code == OFFSET}
-    offset = [
-        effect for effect in settings.effects if effect.code == OFFSET
-    ]  # none where it is not asked for
-    before = tuple(PlacedEffect(offset[0], port, theta=(0.0,)) for port in drifting - off if offset)
+    asked = [effect for effect in settings.effects if effect.code == OFFSET]
+    before = tuple(PlacedEffect(e, port, theta=(0.0,)) for e in asked for port in sorted(drifting - off))
 
     def fitted(effects: tuple[PlacedEffect, ...]) -> Candidate:
         model = candidate.fit.model._replace(effects=effects)

@@ -78,8 +78,7 @@ def _sizes(diagnosis: Diagnosis) -> list[tuple[float, float] | None]:
     """Return the least and the most that each effect adds along the samples fitted, while it acts."""
     problem, model = diagnosis.problem, diagnosis.best.fit.model
     run = problem.run(model)
-    rows = problem.rows[problem.inside]
-    rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+    rows = problem.samples_of(run)
     sizes: list[tuple[float, float] | None] = []
     for index in range(len(model.effects)):
         *_, added = correction(problem, model, run, index, rows, MOST_ASKED)

@@ -158,8 +158,7 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
     """
     problem, model = diagnosis.problem, diagnosis.best.fit.model
     run = problem.run(model)
-    rows = problem.rows[problem.inside]
-    rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+    rows = problem.samples_of(run)
     found = []
     for index, placed in enumerate(model.effects):
         at, argument, added = correction(problem, model, run, index, rows, MOST_ACTING)

@@ -111,6 +111,11 @@ class Problem:
         """Simulate all windows."""
         return self.simulator.run(self.u, self.windows, model.x0, model.p, model.effects, strength)
 
+    def samples_of(self, run: Run) -> np.ndarray:
+        """Return the samples inside the windows at which a run is finite, in order."""
+        rows = self.rows[self.inside]
+        return rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+
     def residual(self, run: Run) -> np.ndarray:
         """Return the whitened residual y - y_sim, (W, T)."""
         return self.whiten(self.y - run.y)

@@ -37,8 +37,7 @@ def effect_force(problem: Problem, model: Model, index: int, most_points: int) -
     """
     simulator = problem.simulator.with_parameters(model.p).with_effects(model.effects)
     placed, run = model.effects[index], problem.run(model)
-    rows = problem.rows[problem.inside]
-    rows = rows[np.isfinite(run.x[rows]).all(axis=1) & np.isfinite(run.y[rows]).all(axis=1)]
+    rows = problem.samples_of(run)
     rows, argument, fitted = correction(problem, model, run, index, rows, most_points)
     residual = problem.y - run.y
     if placed.port.kind == "output":  # what lacks is what is left; a smoother would call it coloured noise

@@ -15,6 +15,7 @@ from narx_sklearn._validation import (
     as_signals,
     check_choice,
     check_indexes,
+    check_inputs_given,
     check_same_length,
     column_labels,
     finite_columns,
@@ -822,11 +823,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _inputs(self, X) -> np.ndarray:
         check_is_fitted(self)
-        if X is None:
-            raise ValueError(
-                f"X is None, but the model has the inputs {list(self.model_.inputs)}: pass an array of shape "
-                f"(n_samples, {self.n_features_in_}), which also says how many samples there are."
-            )
+        check_inputs_given(X, self.model_.inputs)
         return validate_data(
             self, X, reset=False, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
             ensure_min_features=0 if self._has_no_inputs() else 1,

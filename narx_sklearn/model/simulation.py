@@ -14,6 +14,7 @@ from narx_sklearn._validation import (
     all_finite,
     as_signals,
     check_indexes,
+    check_inputs_given,
     check_same_length,
     finite_rows,
     finite_slices,
@@ -498,11 +499,7 @@ def _finite_bound(bound: float) -> float:
 
 
 def _model_inputs(model: NARXModel, X) -> np.ndarray:
-    if X is None:
-        raise ValueError(
-            f"X is None, but the model has the inputs {list(model.inputs)}: pass an array of shape "
-            f"(n_samples, {len(model.inputs)}), which also says how many samples there are."
-        )
+    check_inputs_given(X, model.inputs)
     X = as_signals(X, "X")
     if X.shape[1] != len(model.inputs):
         raise ValueError(
