@@ -10,12 +10,12 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
-from narx_sklearn.discrepancy.judgement import Leftover, _decide
 from narx_sklearn.discrepancy.naming import _without_refinement
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
 from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
@@ -71,9 +71,19 @@ class TestOddPlaces:
             best.fit._replace(model=best.fit.model._replace(effects=(replace(best.effects[0], odd=True),))),
             problem.n_seen,
         )
-        assert _decide(base, best, (), curve, NOTHING_LEFT, 0.005) == "explained"
-        assert _decide(base, elsewhere, (), curve, NOTHING_LEFT, 0.005) == "unknown"
-        assert _decide(base, elsewhere, (), None, NOTHING_LEFT, 0.005) == "explained"
+        assert not is_refuted(base, best, curve, NOTHING_LEFT, 0.005)
+        assert is_refuted(base, elsewhere, curve, NOTHING_LEFT, 0.005)
+        assert not is_refuted(base, elsewhere, None, NOTHING_LEFT, 0.005)
+
+    @pytest.mark.parametrize(("share", "refuted"), [(0.05, True), (0.2, False)])
+    def test_it_stands_where_no_curve_comes_near_it(self, share, refuted):
+        problem, start = axis_problem([friction(0.4)])
+        base = fit(problem, start)
+        there = replace(friction(0.4), odd=True)
+        best = Candidate(fit(problem, base.model._replace(effects=(there,))), problem.n_seen)
+        cost = best.fit.cost + share * (base.cost - best.fit.cost)
+        curve = Candidate(best.fit._replace(cost=cost), problem.n_seen)
+        assert is_refuted(base, best, curve, NOTHING_LEFT, 0.005) == refuted
 
 
 class TestExactSimulations:
@@ -88,32 +98,42 @@ class TestExactSimulations:
 
 
 @pytest.mark.parametrize(
-    ("p_value", "share", "of_form", "verdict"),
+    ("p_value", "share", "of_form", "refuted"),
     [
-        (1e-4, 0.07, True, "unknown"),  # its form is wrong
-        (1e-4, 0.07, False, "explained"),  # something small is missing elsewhere
-        (1e-4, 0.2, False, "unknown"),  # something large is
-        (1e-4, 0.03, True, "explained"),  # no form is exact
-        (0.3, 0.07, True, "explained"),  # it may be noise
+        (1e-4, 0.07, True, True),  # its form is wrong
+        (1e-4, 0.07, False, False),  # something small is missing elsewhere
+        (1e-4, 0.2, False, True),  # something large is
+        (1e-4, 0.03, True, False),  # no form is exact
+        (0.3, 0.07, True, False),  # it may be noise
     ],
 )
-def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_form, verdict):
+def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_form, refuted):
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
     best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
     left = Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
-    assert _decide(base, best, (), None, left, 0.005) == verdict
+    assert is_refuted(base, best, None, left, 0.005) == refuted
+
+
+@pytest.mark.parametrize(("better", "refuted"), [(8.0, False), (12.0, True)])
+def test_a_law_without_a_name_that_is_simpler_and_likelier_refutes_it(better, refuted):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
+    simpler = Candidate(best.fit._replace(cost=best.fit.cost - better), problem.n_seen)
+    assert better < 0.1 * (base.cost - best.fit.cost)  # a curve of many numbers might be so by its freedom
+    assert is_refuted(base, best, simpler, NOTHING_LEFT, 0.005) == refuted
 
 
 @pytest.mark.parametrize(
-    ("said", "rival", "verdict"),
+    ("said", "rival", "may_be"),
     [
-        ("sensor_bias", "additive_drift", "ambiguous"),  # a drift leaves whatever its course is
-        ("sensor_bias", None, "unknown"),
-        ("coulomb_friction", "additive_drift", "unknown"),
+        ("sensor_bias", "additive_drift", True),  # a drift leaves whatever its course is
+        ("sensor_bias", None, False),
+        ("coulomb_friction", "additive_drift", False),
     ],
 )
-def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, verdict):
+def test_an_offset_that_may_be_a_drift_is_one_to_the_judge(said, rival, may_be):
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
 
@@ -124,8 +144,7 @@ def test_an_offset_that_may_be_a_drift_may_leave_the_rest_of_it(said, rival, ver
         return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
 
     alternatives = ((found(rival),),) if rival else ((),)
-    left = Leftover(1e-4, base.cost)
-    assert _decide(base, found(said), alternatives, None, left, 0.005) == verdict
+    assert may_be_drift(found(said), alternatives) == may_be
 
 
 @pytest.mark.long
@@ -183,19 +202,29 @@ def test_two_names_that_leave_what_follows_the_motion_stand_in_for_something_els
     assert "What these leave is no noise. It depends on" in found.report_
 
 
-def test_two_names_that_one_curve_outdoes_only_stand_in_for_it():
+def load_beside_friction():
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.01,))
     pair = fit(problem, base.model._replace(effects=(friction(0.4), load)))
-    two = Candidate(pair, problem.n_seen)
-    assert _decide(base, two, (), None, NOTHING_LEFT, 0.005) == "explained"
-    for share, verdict in ((0.002, "explained"), (0.02, "unknown")):  # of what two names explain
-        cost = pair.cost - share * (base.cost - pair.cost)
-        curve = pair._replace(cost=cost, model=pair.model._replace(effects=(friction(0.4),)))
-        found = Candidate(curve, problem.n_seen)
-        assert found.criterion < two.criterion
-        assert _decide(base, two, (), found, NOTHING_LEFT, 0.005) == verdict
+    return problem, base, Candidate(pair, problem.n_seen)
+
+
+@pytest.mark.parametrize(("better", "stand_in"), [(-12.0, False), (12.0, True)])
+def test_two_names_that_one_curve_outdoes_only_stand_in_for_it(better, stand_in):
+    problem, base, two = load_beside_friction()
+    assert not only_stand_in(base, two, None, NOTHING_LEFT, 0.005)
+    one = two.fit._replace(cost=two.fit.cost - better, model=two.fit.model._replace(effects=(friction(0.4),)))
+    assert only_stand_in(base, two, Candidate(one, problem.n_seen), NOTHING_LEFT, 0.005) == stand_in
+
+
+@pytest.mark.parametrize(
+    ("share", "p_value", "stand_in"), [(0.005, 1e-4, False), (0.02, 1e-4, True), (0.02, 0.01, False)]
+)
+def test_two_names_that_leave_something_only_stand_in_for_it(share, p_value, stand_in):
+    _, base, two = load_beside_friction()
+    left = Leftover(p_value, share / (1 - share) * (base.cost - two.fit.cost))
+    assert only_stand_in(base, two, None, left, 0.005) == stand_in
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, naming
-from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.findings import OUTSIDE, _confidence
+from narx_sklearn.discrepancy.candidate import HARDLY, OUTSIDE, Candidate
+from narx_sklearn.discrepancy.findings import _confidence
 from narx_sklearn.discrepancy.lookalikes import ALIKE, likeliest, look_alikes
 from narx_sklearn.discrepancy.naming import FORM, named_by_reach
 from narx_sklearn.discrepancy.noise import Noise

@@ -46,13 +46,15 @@ class TestPlaces:
                 placed = placements(effect, simulator, self.structure_of(simulator))
                 assert [p.odd for p in placed] == [odd]
 
-    def test_what_a_level_loses_is_not_tried_on_a_speed(self):
+    def test_what_a_level_loses_is_not_tried_on_what_is_none(self):
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
-        for state, tried in (("level [m]", True), ("speed [rpm]", False), ("speed [m/s]", False), ("", True)):
-            simulator = ODESimulator(tank, states=[state or "value"], **made)
+        levels = ["level [m]", "volume [l]", "head [kPa]", "level sensor [V]", "value"]
+        others = ["speed [rpm]", "speed [m/s]", "casing [degC]", "rise [K]", "current [mA]", "arm [deg]"]
+        for state in levels + others:
+            simulator = ODESimulator(tank, states=[state], **made)
             for code in ("root_outflow", "overflow"):
                 found = placements(CATALOGUE[code], simulator, self.structure_of(simulator))
-                assert bool(found) == tried
+                assert bool(found) == (state in levels)
 
     def test_weight_is_met_on_an_angle_in_degrees_and_reads_it_in_radians(self):
         def arm(x, u, p):

@@ -13,8 +13,8 @@ Before any measurement
 The diagnosis
     ``diagnosis`` is the chain. ``beginning`` fits what the simulator has, ``coloured_search`` looks for
     what it lacks, ``stretches`` (by ``trimmed``) and ``temporary`` for what acts for a while; ``judgement``
-    says what that comes to, with ``naming`` and ``swaps``, and ``remainder`` (``followed``, ``pulse``)
-    whether the rest is noise.
+    says what that comes to, with ``naming`` and ``swaps``: what speaks against names (``refuted``), what has
+    none (``unnamed``, ``powers``), and whether the rest is noise (``remainder``, ``followed``, ``pulse``).
 The record
     ``record`` makes arrays of it; what is wrong with it itself is seen by ``checks`` (``mistakes`` are
     undone on trial), ``steps`` and ``spikes``.

@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.refit import Fit
 
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
+OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
 

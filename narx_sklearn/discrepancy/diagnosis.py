@@ -10,14 +10,7 @@ from narx_sklearn.discrepancy.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.explain import Step, by_weight
 from narx_sklearn.discrepancy.inference import parameters_moved
-from narx_sklearn.discrepancy.judgement import (
-    SHARE,
-    Judgement,
-    best_pulsating,
-    best_unnamed,
-    is_explained_by,
-    judge,
-)
+from narx_sklearn.discrepancy.judgement import Judgement, judge
 from narx_sklearn.discrepancy.lookalikes import is_a_change
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.problem import Problem
@@ -30,6 +23,7 @@ from narx_sklearn.discrepancy.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.structure import Structure
 from narx_sklearn.discrepancy.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.twin import TwinSimulator
+from narx_sklearn.discrepancy.unnamed import SHARE, best_pulsating, best_unnamed, is_explained_by
 from narx_sklearn.discrepancy.windows import followed_for
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
@@ -148,7 +142,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
     if steps and not found.best.effects:
-        found, p_missing = _unless_noise(found, p_missing, problem, structure, settings)
+        found, p_missing = _unless_noise(found, searched, structure, settings)
     verdict, best, alternatives, unnamed, _, against_noise = found
     verdict = "unknown" if twin_misses_more else verdict
     if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
@@ -192,22 +186,26 @@ def _looked_into_parts(
             found = judge(searched, structure, settings)
     if found is not None and found.verdict == "unknown":
         problem, refitted, _ = searched
-        found = found._replace(unnamed=best_pulsating(problem, refitted, found.unnamed, structure, settings))
+        curve, known = found.unnamed, searched.hypotheses
+        pulsating = best_pulsating(problem, refitted, curve, structure, settings, known)
+        found = found._replace(unnamed=pulsating)
     return searched, found
 
 
 def _unless_noise(
-    found: Judgement, p_missing: float, problem: Problem, structure: Structure, settings: Settings
+    found: Judgement, searched: Searched, structure: Structure, settings: Settings
 ) -> tuple[Judgement, float]:
     """Return what is said where no search found anything, and the p-value: what is left must be noise."""
+    problem = searched.problem
     settings.tell("is what is left over noise?")
     remainder = look_at_remainder(problem, found.best.fit.model, structure, settings.random_state)
     if remainder.p_value > SHARE * settings.alpha:
-        return found, p_missing
+        return found, searched.p_value
     unnamed, against_noise = None, remainder.speaking(SHARE * settings.alpha)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
     if waves or any(sign.kind == "follows" for sign in against_noise):
-        unnamed = best_unnamed(problem, found.best.fit, found.best, structure, settings, waves)
+        known = searched.hypotheses
+        unnamed = best_unnamed(problem, found.best.fit, found.best, structure, settings, known, waves)
     if unnamed is not None and is_explained_by(problem, found.best, unnamed, structure, settings):
         return Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
     told = Judgement("unknown", found.best, found.alternatives, unnamed, against_noise=against_noise)

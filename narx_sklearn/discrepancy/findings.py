@@ -7,7 +7,7 @@ from itertools import compress
 import numpy as np
 
 from narx_sklearn.discrepancy.acting import correction, correction_name, correction_unit, port_in_words
-from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.candidate import HARDLY, OUTSIDE, Candidate
 from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.generic import UNNAMED
@@ -18,7 +18,6 @@ from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.units import tidy_unit
 
-OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 

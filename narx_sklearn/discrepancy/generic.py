@@ -1,8 +1,9 @@
 """A force of unknown shape: what physics outside the catalogue would look like.
 
-A broken line through a few knots competes with the named effects at every port; wherever something moves,
-a polynomial in position and rate does, and one in which an input's gain depends on them. When one explains
-clearly more than any of the names, something is missing that has none, and its curve is already drawn.
+A broken line through a few knots competes with the named effects at every port; in state equations a power
+does; wherever something moves, a polynomial in position and rate does, and one in which an input's gain
+depends on them. When one explains clearly more than any of the names, something is missing that has none,
+and its curve is already drawn.
 """
 
 from collections.abc import Iterator
@@ -12,22 +13,25 @@ import numpy as np
 from numba import njit
 
 from narx_sklearn.discrepancy.hypotheses import Argument, Hypothesis, arguments, placed_at, weights_of
-from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulator import Simulator
 from narx_sklearn.discrepancy.structure import Structure
-from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
+from narx_sklearn.physics.effects import Effect, EffectParameter, Power, no_start
 from narx_sklearn.physics.effects._series import time_since
 
 KNOTS = 7  # of a broken line
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
 LINE, PULSE = "unnamed_line", "unnamed_pulse"
-UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE)
+ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
+UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, ODD_POWER, EVEN_POWER)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     SURFACE: "a force of position and rate that the catalogue does not hold",
     DRIVEN: "a law of position, rate and input that the catalogue does not hold",
     LINE: "a parameter that changed",
     PULSE: "a parameter that pulsates",
+    ODD_POWER: "a power that the catalogue does not hold",
+    EVEN_POWER: "a power that the catalogue does not hold",
 }
 SENTENCES = {
     CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
@@ -37,7 +41,11 @@ SENTENCES = {
     LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
     PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
     "parameter pulsated. When it does is known for this recording only.",
+    ODD_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
+    EVEN_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
 }
+POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
+HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
 MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
 OF_INPUT = ("ux", "ux2", "uv", "uv2")
 
@@ -103,6 +111,58 @@ def _pulsating(argument, rate, own, second, time, step, z, theta, dz):
 def _pulsated(signal, second, dt, theta, first):
     turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
     return signal * (1.0 + theta[0] * np.cos(turned) + theta[1] * np.sin(turned))
+
+
+@njit(nogil=True, cache=True)
+def _odd_power(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * np.sign(argument) * np.abs(argument / theta[2]) ** theta[1]
+
+
+@njit(nogil=True, cache=True)
+def _even_power(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * np.abs(argument / theta[2]) ** theta[1]
+
+
+def power_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[Hypothesis]:
+    """Return a force that goes as a power, for each state equation and argument, either way."""
+    found = []
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for argument in _moving(i, simulator, structure):
+            size = np.abs(x @ np.array(argument.weights)).max()
+            for power in (Power(3.0, odd=True), Power(2.0, odd=False)):
+                placed = placed_at(power_effect(power, size), Port("state", i), argument)
+                theta = np.r_[0.0, power.exponent, size, [placed.share] * placed.reacts]
+                starts = (theta + np.eye(theta.size)[0])[None, :]
+                nothing = np.zeros(1)
+                found.append(Hypothesis(placed.at(theta), starts, tuned=nothing > 0, tried=nothing))
+    return [hypothesis for hypothesis in found if hypothesis.placed.theta[2] > 0]
+
+
+def power_effect(power: Power, size: float) -> Effect:
+    """Return a force that goes as a power, as strong as it says where its argument has a size."""
+    code = ODD_POWER if power.odd else EVEN_POWER
+    return Effect(
+        code=code,
+        title=TITLES[code],
+        sentence=SENTENCES[code],
+        equation="a sgn(x) |x / size|^n" if power.odd else "a |x / size|^n",
+        parameters=(
+            EffectParameter("a", "{port}"),
+            EffectParameter("n", "-", *POWERS),
+            EffectParameter("size", "{arg}", size, size),
+        ),
+        starts=no_start,
+        force=_odd_power if power.odd else _even_power,
+    )
+
+
+def with_free_power(placed: PlacedEffect, power: Power, size: float) -> PlacedEffect:
+    """Return the law of an effect that goes as a power, with that power free, for an argument of a size."""
+    effect, theta = placed.effect, np.array(placed.theta)
+    strength = effect.force(size, 0.0, 0.0, 0.0, 0.0, 1.0, np.zeros(1), theta, np.zeros(1))
+    onward = placed.theta[len(effect.parameters) :]
+    freed = replace(placed, effect=power_effect(power, size), limits=())
+    return freed.at((strength, power.exponent, size, *onward))
 
 
 def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:

@@ -17,6 +17,7 @@ from narx_sklearn.physics.effects import Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
 OF_MOTION = ("motion", "surfaces")
+NO_LEVELS = ("K", "A", "rad")  # what they measure is not how full something is
 
 
 class Hypothesis(NamedTuple):
@@ -109,7 +110,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
             places.append(placed_at(effect, Port("output", i), Argument((), *signal)))
     if "state" in effect.ports:
         for i in np.flatnonzero(~structure.kinematic).tolist():
-            if effect.met_on == "levels" and _is_speed(i, simulator, structure):
+            if effect.met_on == "levels" and _holds_no_level(i, simulator, structure):
                 continue
             for found in arguments(effect.argument, i, simulator, structure):
                 argument = _in_unit_of(effect, found)
@@ -158,6 +159,12 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
 def _is_speed(i: int, simulator: Simulator, structure: Structure) -> bool:
     """Tell whether a state is one that another one integrates, or is counted per second."""
     return structure.partner[i] >= 0 or is_per_time(simulator.states[i].unit)
+
+
+def _holds_no_level(i: int, simulator: Simulator, structure: Structure) -> bool:
+    """Tell whether a state cannot be how full something is."""
+    unit = simulator.states[i].unit
+    return _is_speed(i, simulator, structure) or any(scale_to(unit, other) is not None for other in NO_LEVELS)
 
 
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure, is_twist: bool) -> bool:

@@ -24,7 +24,6 @@ from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
-from narx_sklearn.discrepancy.judgement import UNEXPLAINED
 from narx_sklearn.discrepancy.location import locate, with_invariances
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.record import (
@@ -47,6 +46,7 @@ from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.substeps import mind_steps
 from narx_sklearn.discrepancy.temporary import are_foreseen, only_where_fitted
+from narx_sklearn.discrepancy.unnamed import UNEXPLAINED
 from narx_sklearn.discrepancy.verify import (
     SURELY,
     HeldOut,

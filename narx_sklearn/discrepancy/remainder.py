@@ -61,7 +61,7 @@ class Sign(NamedTuple):
     words: str  # a sentence
     p_value: float
     frequencies: tuple[float, ...] = ()  # of a pulse and its images, Hz
-    gain: float = 0.0  # by how much the cost would fall with what it follows
+    gain: float = 0.0  # by how much the cost would fall without it, noise variances
 
     @property
     def to_try(self) -> str:
@@ -328,8 +328,9 @@ def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign
         above = np.count_nonzero(largest >= found[loudest])
         if above >= ENOUGH:
             break
-    when = _when(problem, e[places[loudest], loudest], places[loudest])
-    return Sign("bursts", f"It comes in bursts on {names[loudest]}{when}.", (1.0 + above) / (1.0 + draws))
+    when, gain = _loud(problem, e[places[loudest], loudest], places[loudest])
+    p = (1.0 + above) / (1.0 + draws)
+    return Sign("bursts", f"It comes in bursts on {names[loudest]}{when}.", p, gain=gain)
 
 
 def _lengths(z: np.ndarray) -> list[int]:
@@ -346,17 +347,20 @@ def _clustering(z: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def _when(problem: Problem, e: np.ndarray, place: np.ndarray) -> str:
-    """Return the times of the loudest bursts in words, from the power of the innovations there."""
+def _loud(problem: Problem, e: np.ndarray, place: np.ndarray) -> tuple[str, float]:
+    """Return the times of the loudest bursts in words, and by how much the innovations there exceed noise."""
     length = BURSTS[1]
     power = (e / np.median(np.abs(e)) * MEDIAN) ** 2 - 1.0
-    means = np.convolve(power, np.ones(length) / np.sqrt(2 * length), mode="same")
+    spread = np.sqrt(2 * length)
+    means = np.convolve(power, np.ones(length) / spread, mode="same")
     times: list[float] = []
+    gain = 0.0
     while len(times) < MOST_TOLD and means.max() > LOUD:
         k = int(np.argmax(means))
         times.append(problem.rows.ravel()[place[k]] * problem.simulator.dt)
+        gain += float(means[k]) * spread
         means[max(k - length, 0) : k + length] = 0.0
-    return " round " + ", ".join(in_seconds(t, 4) for t in sorted(times)) if times else ""
+    return (" round " + ", ".join(in_seconds(t, 4) for t in sorted(times)) if times else ""), gain
 
 
 def _line(problem: Problem, e: np.ndarray) -> Sign:
@@ -368,11 +372,12 @@ def _line(problem: Problem, e: np.ndarray) -> Sign:
     power = np.abs(np.fft.rfft(signal)) ** 2
     at = round(frequency * signal.size)
     beside = [at + sign * d for d in NEAR for sign in (-1, 1) if 0 < at + sign * d < power.size]
-    ratio = power[at] / max(np.mean(power[beside]), 1e-300)
-    alone = power.size * exceeded(ratio, len(beside))  # every ordinate was tried
+    level = max(np.mean(power[beside]), 1e-300)
+    alone = power.size * exceeded(power[at] / level, len(beside))  # every ordinate was tried
     hertz = frequency / problem.simulator.dt
     words = f"It holds a line at {hertz:.4g} Hz that the input has not."
-    return Sign("line", words, float(min(1.0, max(p, alone))))
+    gain = 2.0 * max(power[at] - level, 0.0) / signal.size  # Parseval
+    return Sign("line", words, float(min(1.0, max(p, alone))), gain=gain)
 
 
 def _pulse(

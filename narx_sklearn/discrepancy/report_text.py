@@ -5,6 +5,7 @@ import numpy as np
 from narx_sklearn.discrepancy.acting import port_in_words
 from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.inference import told_together, untold
+from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
 from narx_sklearn.discrepancy.units import in_seconds, rounded
@@ -81,7 +82,8 @@ def _what(dx) -> list[str]:
                 continue
             low, high = finding.intervals[name]
             value_text = _quantity(value, finding.units[name])
-            lines.append(f"   {name} = {value_text}   ({low:.4g} to {high:.4g})")
+            interval = f"   ({low:.4g} to {high:.4g})" if low < high else ""  # none of what is given
+            lines.append(f"   {name} = {value_text}{interval}")
         if finding.size:
             lines.append(f"   {finding.size}")
         if finding.elsewhere:
@@ -139,7 +141,7 @@ def _what_wanders(dx) -> str:
 def what_it_is_like(dx) -> str:
     """Return what the unknown signal at the likeliest port depends on; empty where it is not described."""
     table, against = dx.location_.invariances, dx.location_.against
-    readings = table["reading"][table["value"].notna()]
+    readings = table["reading"][table["value"].notna() & (table["reading"] != NOT_TOLD)]
     if not len(readings):
         return ""
     port = dx.location_.ports.iloc[0]

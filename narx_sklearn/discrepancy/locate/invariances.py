@@ -19,6 +19,8 @@ N_BINS = 1 << 14  # over the range of a signal, along which a sine is looked for
 OVERSAMPLED = 4  # times as fine as its own ordinates, that a spectrum is taken at
 CONFIDENCE = 1.96  # standard errors to either side: 95 %
 MOSTLY = 0.8  # share of the variance that leaves little else
+SURE = 0.5  # half an interval of a power, that tells it
+NOT_TOLD = "not told"  # by this record
 CLEAR = 0.05  # share of the force's variance that counts
 
 
@@ -57,6 +59,8 @@ def invariances(
     -------
     DataFrame
         Index ``property``; columns ``value``, ``low``, ``high`` (95 % interval) and ``reading`` in words:
+
+        One that this record does not tell reads so.
 
         - ``odd``: share of :math:`f(x)` that is odd about zero, where x and -x both occur; NaN when x visits
           one side only;
@@ -227,7 +231,13 @@ def _odd(x: np.ndarray, w: np.ndarray, folds: np.ndarray):
     value = share(np.ones(x.size, dtype=bool))
     without = np.array([share(folds != i) for i in range(N_FOLDS)])
     error = np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum((without - without.mean()) ** 2))  # jackknife
-    reading = "odd" if value > MOSTLY else "even" if value < 1.0 - MOSTLY else "neither odd nor even"
+    low, high = value - CONFIDENCE * error, value + CONFIDENCE * error
+    if value > MOSTLY:
+        reading = "odd"
+    elif value < 1.0 - MOSTLY:
+        reading = "even"
+    else:
+        reading = "neither odd nor even" if low > 1.0 - MOSTLY and high < MOSTLY else NOT_TOLD
     return _Share(float(value), float(error)), reading
 
 
@@ -243,7 +253,9 @@ def _degree(w: np.ndarray, x: np.ndarray):
     slope = np.sum((size - size.mean()) * (force - force.mean())) / spread
     left = force - force.mean() - slope * (size - size.mean())
     error = np.sqrt(np.sum(left**2) / (n - 2) / spread)
-    return _Share(float(slope), float(error)), f"grows as amplitude to the power {slope:.1f}"
+    told = CONFIDENCE * error < SURE
+    reading = f"grows as amplitude to the power {slope:.1f}" if told else NOT_TOLD
+    return _Share(float(slope), float(error)), reading
 
 
 def _periodic(judge: _Judge, basis, signal: np.ndarray, most: float, what: str, unit: str = ""):

@@ -7,7 +7,7 @@ stand by kind in ``_friction``, ``_clearance``, ``_limits``, ``_stiffness``, ``_
 compiled (``_kernel``).
 """
 
-from narx_sklearn.physics.effects._effect import PORTS, Effect, EffectParameter, Setting, no_start
+from narx_sklearn.physics.effects._effect import PORTS, Effect, EffectParameter, Power, Setting, no_start
 from narx_sklearn.physics.effects._registry import (
     BUILT_IN,
     CATALOGUE,
@@ -23,6 +23,7 @@ __all__ = [
     "PORTS",
     "Effect",
     "EffectParameter",
+    "Power",
     "Setting",
     "list_effects",
     "no_start",

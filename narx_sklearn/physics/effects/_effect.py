@@ -33,6 +33,13 @@ BEGIN = EffectParameter("i", "-", -1.0, 1.0)  # where within its play a memory s
 LACKING = EffectParameter("i", "-", -10.0, 10.0)  # share of the first value; 1 for from rest at zero
 
 
+class Power(NamedTuple):
+    """A law that goes as a power of its argument."""
+
+    exponent: float
+    odd: bool  # whether it changes its sign with the argument
+
+
 class Setting(NamedTuple):
     """What a record shows at one place: the material from which starting values are taken.
 
@@ -138,7 +145,7 @@ class Effect:
     met_on : {"anything", "motion", "surfaces", "levels"}
         What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
         the state equation of something else it is odd there, and pays for that. An effect of levels is not
-        tried on a speed.
+        tried on a speed, an angle, a temperature or a current.
     met_at : {None, "input", "output"}
         Where it is met, if not in state equations: there it is odd too (lost motion lies before a machine).
     read_off : bool
@@ -156,6 +163,9 @@ class Effect:
         Index of the parameter that tells after how long a move all of its memory has slipped, in the
         argument's unit. Within a motion that goes further it is a body's friction, and has the name that its
         law has there; where it goes on over the whole motion it is a material's hysteresis.
+    power : Power, optional
+        The power of its argument that the law goes as, where it is that alone; a record that tells another
+        power refutes it.
     separate_by : str
         The excitation that tells it apart.
     source : str
@@ -222,6 +232,7 @@ class Effect:
     holds: tuple[str, ...] = ()
     same_law: tuple[str, ...] = ()
     reach: int | None = None
+    power: Power | None = None
     separate_by: str = ""
     source: str = ""
     phi: Any = None

@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_difference, of_level
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_least
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Power, Setting, at_least
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
     grid,
@@ -231,6 +231,7 @@ LOADS = (
         force=_quadratic_drag,
         met_on="motion",
         lookalikes=("viscous_damping",),
+        power=Power(2.0, odd=True),
         separate_by="a free decay, or two amplitudes",
         source="Morison, O'Brien, Johnson and Schaaf 1950, J. Petrol. Technol. 2(5), drag term",
         phi=_quadratic_drag_phi,

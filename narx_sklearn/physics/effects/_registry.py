@@ -17,6 +17,7 @@ from narx_sklearn.physics.effects._effect import (
     SECONDS,
     Effect,
     EffectParameter,
+    Power,
     Setting,
 )
 from narx_sklearn.physics.effects._friction import FRICTION
@@ -209,6 +210,8 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"met_on must be one of {list(MET_ON)}, got {effect.met_on!r}.")
     if effect.met_at not in (None, "input", "output"):
         refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
+    if effect.power is not None and not isinstance(effect.power, Power):
+        refuse(f"power must be Power(exponent, odd) or None, got {effect.power!r}.")
     for name in ("amplitude", "begin", "form", "reach"):
         index = getattr(effect, name)
         if index is not None and not 0 <= index < n:

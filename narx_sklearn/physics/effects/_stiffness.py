@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Power, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
     ORDINARY,
@@ -106,6 +106,7 @@ STIFFNESS = (
         lookalikes=("clearance", "gravity", "input_saturation", "quadratic_stiffness"),
         separate_by="an amplitude ladder with an offset",
         source="Duffing 1918, Erzwungene Schwingungen bei veraenderlicher Eigenfrequenz, ch. 1",
+        power=Power(3.0, odd=True),
         narx_terms="y[k-1]^3",
     ),
     Effect(
@@ -121,6 +122,7 @@ STIFFNESS = (
         lookalikes=("bilinear_stiffness", "cubic_stiffness"),
         separate_by="an amplitude ladder: the mean shifts with the amplitude squared",
         source="Nayfeh and Mook 1979, Nonlinear Oscillations, sec. 4.1",
+        power=Power(2.0, odd=False),
         narx_terms="y[k-1]^2",
     ),
     Effect(

@@ -1,0 +1,95 @@
+"""What has no name: the best curve, power or wave, and whether it explains what is missing."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, n_shapes
+from narx_sklearn.discrepancy.explain import refit_leaders
+from narx_sklearn.discrepancy.generic import curve_hypotheses, line_hypotheses, pulse_hypotheses
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.placed import ALWAYS
+from narx_sklearn.discrepancy.powers import best_power
+from narx_sklearn.discrepancy.problem import Problem
+from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.remainder import look_at_remainder, look_for_pulse
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.structure import Structure
+
+UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
+SHARE = 0.5  # of alpha, for what has no name
+SUSPECT = 0.05  # level at which something counts that is no finding of its own
+
+
+def best_unnamed(
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    structure: Structure,
+    settings: Settings,
+    known: Iterable[Hypothesis],
+    waves: Sequence[float] = (),
+) -> Candidate | None:
+    """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
+
+    So are forces that go as a power, but one that an effect has which is ``known``. Beside what acts for a
+    while, a change of the simulator's own parameters meanwhile is tried too, and what pulsates at the
+    frequencies of some ``waves``, Hz.
+    """
+    curves = curves_along(problem, refitted, structure)
+    times = {effect.during for effect in best.effects}
+    during = times.pop() if len(times) == 1 else ALWAYS
+    if during != ALWAYS:
+        curves += line_hypotheses(problem.simulator, structure)
+    fine = 1.0 / (problem.simulator.dt * len(problem.y))  # between two that the record tells apart
+    for wave in waves:
+        curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
+    placed = [replace(curve.placed, during=during) for curve in curves]
+    beside = refitted._replace(model=best.fit.model._replace(effects=()))
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
+    power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
+    found = [*found[:1], *([power] if power is not None else [])]
+    return min(found, key=lambda c: c.criterion, default=None)
+
+
+def best_pulsating(
+    problem: Problem,
+    refitted: Fit,
+    unnamed: Candidate | None,
+    structure: Structure,
+    settings: Settings,
+    known: Iterable[Hypothesis],
+) -> Candidate | None:
+    """Return what pulsates, where something surely does and it is better than a curve; else the curve."""
+    pulse = look_for_pulse(problem, refitted, structure, settings.random_state)
+    if pulse.p_value > SHARE * settings.alpha:
+        return unnamed
+    base = Candidate(refitted, problem.n_seen)
+    pulsating = best_unnamed(problem, refitted, base, structure, settings, known, pulse.frequencies)
+    found = [c for c in (unnamed, pulsating) if c is not None]
+    return min(found, key=lambda c: c.criterion, default=None)
+
+
+def curves_along(problem: Problem, found: Fit, structure: Structure) -> list[Hypothesis]:
+    """Return the unnamed curves at every port, knots where a fitted model's run goes."""
+    run = problem.run(found.model)
+    rows = problem.rows[problem.inside]
+    return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+
+
+def is_explained_by(
+    problem: Problem, base: Candidate, curve: Candidate, structure: Structure, settings: Settings
+) -> bool:
+    """Tell whether a curve takes off more than noise of any colour would let it, and leaves noise.
+
+    A broken line has corners that a smooth law has not: what it leaves may be no noise, if it is little.
+    """
+    gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
+    if chance_of_noise(gained, 1, n_shapes(curve.effects[0], problem)) > SUSPECT:
+        return False
+    rest = look_at_remainder(problem, curve.fit.model, structure, settings.random_state)
+    taken_off = base.fit.cost - curve.fit.cost
+    return not any(
+        sign.gain == 0 or sign.gain > UNEXPLAINED * (taken_off + sign.gain)  # of some signs it is not known
+        for sign in rest.speaking(SHARE * settings.alpha)
+    )

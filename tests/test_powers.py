@@ -1,0 +1,162 @@
+"""Forces that go as a power: told by the exponent, and a name refuted by another one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_machines import axis_problem, levels
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.generic import (
+    EVEN_POWER,
+    ODD_POWER,
+    power_effect,
+    power_hypotheses,
+    with_free_power,
+)
+from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.powers import best_power, with_another_power
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE, Power
+
+VELOCITY = (0.0, 1.0)
+NOWHERE = (0.0, 0.0, 0.0, 0.0)  # rate, own, second, time
+
+
+def value(effect, x, theta):
+    return effect.force(x, *NOWHERE, 0.01, np.zeros(1), np.array(theta), np.zeros(1))
+
+
+def drag(c2=0.3):
+    return PlacedEffect(CATALOGUE["quadratic_drag"], Port("state", 1), VELOCITY, theta=(c2,))
+
+
+def power(exponent, strength=0.3, size=1.0, odd=True):
+    effect = power_effect(Power(3.0, odd), size)
+    return PlacedEffect(effect, Port("state", 1), VELOCITY, theta=(-strength, exponent, size))
+
+
+@given(x=st.floats(-3.0, 3.0), n=st.floats(1.5, 6.0), size=st.floats(0.1, 5.0))
+def test_an_odd_power_turns_with_its_argument_and_an_even_one_does_not(x, n, size):
+    odd, even = (power_effect(Power(2.0, is_odd), size) for is_odd in (True, False))
+    for effect, sign in ((odd, -1.0), (even, 1.0)):
+        assert value(effect, -x, (2.0, n, size)) == pytest.approx(sign * value(effect, x, (2.0, n, size)))
+        assert value(effect, size, (2.0, n, size)) == pytest.approx(2.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(x=st.floats(-2.0, 2.0), size=st.floats(0.1, 5.0), k=st.floats(0.1, 9.0))
+@pytest.mark.parametrize("code", ["cubic_stiffness", "quadratic_stiffness", "quadratic_drag"])
+def test_a_law_with_its_power_free_begins_as_it_is(code, x, size, k):
+    named = PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=(k,))
+    freed = with_free_power(named, named.effect.power, size)
+    assert value(freed.effect, x, freed.theta) == pytest.approx(value(named.effect, x, (k,)), abs=1e-9)
+    assert freed.theta[1] == named.effect.power.exponent
+    assert (freed.port, freed.weights) == (named.port, named.weights)
+
+
+def refitted_with(truth, *named, **made):
+    problem, start = axis_problem([truth], noise=0.001, **made)
+    base = fit(problem, start)
+    best = Candidate(fit(problem, base.model._replace(effects=named)), problem.n_seen)
+    return problem, base, best
+
+
+class TestNames:
+    @pytest.mark.parametrize("exponent", [3.0, 4.0])
+    def test_another_power_refutes_the_name(self, exponent):
+        problem, _, best = refitted_with(power(exponent), drag())
+        other = with_another_power(problem, best, 0.005)
+        (placed,) = other.effects
+        assert placed.effect.code == ODD_POWER
+        assert placed.theta[1] == pytest.approx(exponent, abs=0.3)
+        assert other.fit.cost < best.fit.cost
+
+    @pytest.mark.parametrize("exponent", [2.0, 2.3])
+    def test_a_power_that_is_hardly_off_does_not(self, exponent):
+        problem, _, best = refitted_with(power(exponent), drag())
+        assert with_another_power(problem, best, 0.005) is None
+
+    def test_what_is_no_power_by_its_name_is_not_asked(self):
+        friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), VELOCITY, theta=(0.3,))
+        problem, _, best = refitted_with(power(3.0), friction)
+        assert with_another_power(problem, best, 0.005) is None
+
+    def test_others_of_the_set_stay(self):
+        problem, _, best = refitted_with(
+            power(3.5),
+            drag(),
+            PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.0,)),
+        )
+        other = with_another_power(problem, best, 0.005)
+        assert [placed.effect.code for placed in other.effects] == [ODD_POWER, "constant_load"]
+
+
+class TestWithoutAName:
+    def found(self, truth, known):
+        problem, base, best = refitted_with(truth, drag())
+        run = problem.run(base.model)
+        structure = find_structure(problem.simulator, run.x, problem.u)
+        nothing = np.zeros(1)
+        hypotheses = [Hypothesis(p, np.ones((1, 1)), nothing > 0, nothing) for p in known]
+        return best_power(problem, base, best.fit._replace(model=base.model), structure, hypotheses)
+
+    def test_the_power_and_its_argument_are_found(self):
+        found = self.found(power(3.0), [drag()])
+        (placed,) = found.effects
+        assert (placed.effect.code, placed.weights) == (ODD_POWER, VELOCITY)
+        assert placed.theta[1] == pytest.approx(3.0, abs=0.3)
+
+    def test_that_of_a_name_is_told_by_the_name(self):
+        assert self.found(power(2.0), [drag()]) is None
+
+    def test_a_name_from_elsewhere_takes_none(self):
+        found = self.found(power(2.0), [replace(drag(), odd=True)])
+        assert found.effects[0].theta[1] == pytest.approx(2.0, abs=0.3)
+
+    def test_it_is_tried_either_way_on_all_that_moves(self):
+        problem, start = axis_problem()
+        x = problem.run(start).x
+        hypotheses = power_hypotheses(problem.simulator, find_structure(problem.simulator, x, problem.u), x)
+        tried = {(h.placed.effect.code, h.placed.weights) for h in hypotheses}
+        assert tried == {(c, w) for c in (ODD_POWER, EVEN_POWER) for w in (VELOCITY, (1.0, 0.0))}
+
+
+def oscillator(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def damped_by_the_cube(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 0.15 * x[1] ** 3
+
+
+def held_by_the_fifth(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 8.0 * x[0] ** 5
+
+
+@pytest.mark.parametrize(
+    ("machine", "argument", "exponent"),
+    [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
+)
+def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
+    about = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+    rng = np.random.default_rng(0)
+    u = levels(rng, 1500)
+    y = ODESimulator(machine, parameters={"g": 4.0, "d": 1.0, "k": 20.0}, **about).simulate(u)
+    y = y + 0.03 * np.std(y) * rng.normal(size=y.shape)
+    simulator = ODESimulator(oscillator, parameters={"g": 4.4, "d": 0.9, "k": 22.0}, **about)
+    named = ["quadratic_drag", "cubic_stiffness", "cogging"]
+    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    assert dx.verdict_ == "unknown"
+    (finding,) = dx.findings_
+    assert (finding.effect, finding.port) == ("unknown", "state:1")
+    low, high = finding.intervals["n"]
+    assert low < exponent < high
+    assert argument in finding.argument
+    size = next(line for line in dx.report_.splitlines() if line.strip().startswith("size ="))
+    assert " to " not in size  # what is given has no interval
