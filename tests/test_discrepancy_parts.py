@@ -491,6 +491,17 @@ class TestIntervals:
             covered.append((bounds[:, 0] <= [1.1, 0.7, 11.0]) & (bounds[:, 1] >= [1.1, 0.7, 11.0]))
         assert 0.8 <= np.mean(covered) <= 0.98
 
+    @pytest.mark.parametrize(("felt", "told"), [(1.0, True), (1e-9, False)])
+    def test_what_is_zero_and_is_not_felt_may_be_anything(self, felt, told):
+        problem, model = make_problem(seed=5, n=800)
+        found = fit(problem, model)
+        p = found.model.p.copy()
+        p[1] = 0.0
+        jacobian = found.jacobian * [1.0, felt, 1.0]
+        _, high = intervals(problem, found._replace(model=model._replace(p=p), jacobian=jacobian))[1]
+        assert (high < 10.0) == told
+        assert np.isinf(high) == (not told)
+
     def test_white_noise_gives_the_textbook_covariance(self):
         problem, model = make_problem(seed=5, n=4800)
         found = fit(problem, model)

@@ -9,10 +9,11 @@ from narx_sklearn.discrepancy.candidate import Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.explain import Step, by_weight
+from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.judgement import Judgement, judge
 from narx_sklearn.discrepancy.lookalikes import is_a_change
-from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import Sign, look_at_remainder
@@ -56,6 +57,13 @@ class Diagnosis:
     def is_named(self) -> bool:
         """Whether effects of known names explain what is missing, these or others that look alike."""
         return self.verdict in ("explained", "ambiguous")
+
+    @property
+    def noise(self) -> Noise:
+        """Noise that the best explanation leaves; searched was under that which names leave."""
+        if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
+            return self.problem.noise
+        return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
 
     @property
     def as_drift(self) -> "Diagnosis | None":

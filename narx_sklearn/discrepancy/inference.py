@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import ALIKE, SMALL, Fit
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
+UNFELT = 1e-3  # noise deviations by which runs change with the ordinary size of what is zero, if it is told
 TAKES_PART = 0.01  # of the relative change of parameters along such a direction
 
 
@@ -49,7 +50,7 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     """
     q = fit.model.q
     error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    silent = ~np.any(fit.jacobian, axis=(0, 1))
+    silent = (q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
     width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
     return np.clip(np.column_stack([q - width, q + width]), domain[:, :1], domain[:, 1:])
@@ -63,7 +64,7 @@ def untold(fit: Fit) -> np.ndarray:
     """
     flat = fit.jacobian.reshape(-1, fit.model.q.size)
     size, relative = np.linalg.norm(flat, axis=0), np.abs(fit.steps) / SMALL
-    heard = size * relative > 1.0
+    heard = _felt_alone(fit) > 1.0
     if not heard.any():
         return np.zeros((0, size.size))
     flat = flat[:, heard] / size[heard]
@@ -72,6 +73,15 @@ def untold(fit: Fit) -> np.ndarray:
     directions = np.zeros((silent.shape[1], size.size))
     directions[:, heard] = np.linalg.qr(silent)[0].T
     return directions
+
+
+def _felt_alone(fit: Fit) -> np.ndarray:
+    """Return by how many noise deviations the runs change with all of each global parameter, (n_q,).
+
+    Of one that is zero, with its ordinary size.
+    """
+    flat = fit.jacobian.reshape(-1, fit.model.q.size)
+    return np.linalg.norm(flat, axis=0) * np.abs(fit.steps) / SMALL
 
 
 def told_together(directions: np.ndarray) -> list[list[int]]:

@@ -540,12 +540,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         first = self.location_.ports.iloc[0]
         likeliest = Port(first["kind"], int(first["index"]))
         self.findings_ = make_findings(diagnosis, self.level, simulator, likeliest)
+        noise = diagnosis.noise
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
             for signal, sigma, (a, b) in zip(
                 simulator.outputs,
-                problem.noise.sigma,
-                map(problem.noise.colour, range(len(simulator.outputs))),
+                noise.sigma,
+                map(noise.colour, range(len(simulator.outputs))),
                 strict=True,
             )
         }

@@ -139,7 +139,9 @@ def _what_wanders(dx) -> str:
 
 
 def what_it_is_like(dx) -> str:
-    """Return what the unknown signal at the likeliest port depends on; empty where it is not described."""
+    """Return what a signal without a law, at the likeliest port, depends on; empty where it is not told."""
+    if any(finding.modelled for finding in dx.findings_):
+        return ""  # a law says it better
     table, against = dx.location_.invariances, dx.location_.against
     readings = table["reading"][table["value"].notna() & (table["reading"] != NOT_TOLD)]
     if not len(readings):
