@@ -36,9 +36,12 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
     found = []
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
-        names = parameter_names(placed)
-        rows = sure[best.fit.model.theirs[i]]
-        untold = np.all(rows == placed.domain, axis=1) & (np.ptp(placed.domain, axis=1) > 0)
+        there = _has(placed)
+        names = list(compress(parameter_names(placed), there))
+        values = list(compress(placed.theta, there))
+        units = list(compress(parameter_units(placed, simulator), there))
+        rows, domain = sure[best.fit.model.theirs[i]][there], placed.domain[there]
+        untold = np.all(rows == domain, axis=1) & (np.ptp(domain, axis=1) > 0)
         found.append(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
@@ -48,9 +51,9 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 port=str(placed.port),
                 place=place_in_words(placed, simulator),
                 argument=argument_told(placed),
-                parameters=dict(zip(names, (float(v) for v in placed.theta), strict=True)),
+                parameters=dict(zip(names, map(float, values), strict=True)),
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
-                units=dict(zip(names, parameter_units(placed, simulator), strict=True)),
+                units=dict(zip(names, units, strict=True)),
                 lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
                 rivals=tuple(dict.fromkeys(in_short(_rivals(c, best)) for c in rivals)),
                 p_value=diagnosis.p_missing,
@@ -157,6 +160,12 @@ def _in_its_place(
 def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
     """Return the effects of a candidate that the best has not."""
     return [e for e in candidate.effects if e.place not in best.places]
+
+
+def _has(placed: PlacedEffect) -> np.ndarray:
+    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms."""
+    dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
+    return ~dropped if placed.effect.code in UNNAMED else np.ones(placed.n_theta, dtype=bool)
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

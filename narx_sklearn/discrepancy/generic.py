@@ -6,7 +6,7 @@ depends on them. When one explains clearly more than any of the names, something
 and its curve is already drawn.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -46,8 +46,9 @@ SENTENCES = {
 }
 POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
 HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
-MONOMIALS = ("x2", "xv", "v2", "x3", "x2v", "xv2", "v3")
-OF_INPUT = ("ux", "ux2", "uv", "uv2")
+MONOMIALS = {"x2": "x^2", "xv": "x v", "v2": "v^2", "x3": "x^3", "x2v": "x^2 v", "xv2": "x v^2", "v3": "v^3"}
+OF_INPUT = {"ux": "u x", "ux2": "u x^2", "uv": "u v", "uv2": "u v^2"}
+TERMS = {SURFACE: MONOMIALS, DRIVEN: MONOMIALS | OF_INPUT}  # of a polynomial, by the names of coefficients
 
 
 @njit(nogil=True, cache=True)
@@ -268,6 +269,34 @@ def _driven(
     return found._replace(placed=driven)
 
 
+def without_terms(placed: PlacedEffect, dropped: Collection[int]) -> PlacedEffect:
+    """Return a polynomial with some of its terms dropped for good; its equation tells those left.
+
+    Where none is left with the input, it is one of position and rate.
+    """
+    terms = TERMS[placed.effect.code]
+    kept = {name: power for j, (name, power) in enumerate(terms.items()) if j not in dropped}
+    if placed.effect.code == DRIVEN and not kept.keys() & OF_INPUT.keys():
+        placed = _without_input(placed)
+    signals = "x, v and u" if placed.effect.code == DRIVEN else "x and v"
+    equation = " + ".join(f"{name} {power}" for name, power in kept.items())
+    theta, limits = np.array(placed.theta), placed.bounds
+    gone = [j for j in dropped if j < len(TERMS[placed.effect.code])]
+    theta[gone], limits[gone] = 0.0, 0.0
+    effect = replace(placed.effect, equation=f"{equation}, {signals} over their sizes")
+    return replace(placed, effect=effect, limits=tuple(map(tuple, limits.tolist()))).at(theta)
+
+
+def _without_input(placed: PlacedEffect) -> PlacedEffect:
+    """Return a polynomial in position, rate and input without the input."""
+    n, n_of_input = len(MONOMIALS), len(OF_INPUT)
+    sizes = placed.theta[n + n_of_input :][:2]
+    effect = _law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
+    rest = placed.theta[len(placed.effect.parameters) :]
+    alone = replace(placed, effect=effect, second=(), second_name="", second_unit="", limits=())
+    return alone.at((*placed.theta[:n], *sizes, *rest))
+
+
 def _sizes_of_motion(position: np.ndarray, dt: float) -> tuple[float, float]:
     speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
     return float(np.ptp(position)) / 2, float(np.quantile(speed, 0.98)) if speed.size else 0.0
@@ -285,20 +314,23 @@ def _unnamed(
 ) -> Hypothesis:
     """Return the hypothesis of a force that is linear in its named coefficients; others keep their bounds."""
     n = len(names)
+    placed = placed_at(_law(code, equation, names, fixed, force, unit), port, argument)
+    scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
+    starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
+    begun = placed.at(np.r_[np.zeros(n), scale])
+    return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
+
+
+def _law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
     transforms = {CURVE: _transform, LINE: _gained, PULSE: _pulsated}
-    effect = Effect(
+    return Effect(
         code=code,
         title=TITLES[code],
         sentence=SENTENCES[code],
         equation=equation,
         parameters=(*(EffectParameter(name, unit) for name in names), *fixed),
-        starts=no_start,  # they are told here, not taken from a setting
+        starts=no_start,  # they are told where it is placed, not taken from a setting
         force=force,
         transform=transforms.get(code),
         amplitude=None,
     )
-    placed = placed_at(effect, port, argument)
-    scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
-    starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
-    begun = placed.at(np.r_[np.zeros(n), scale])
-    return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))

@@ -3,15 +3,24 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, n_shapes
-from narx_sklearn.discrepancy.explain import refit_leaders
-from narx_sklearn.discrepancy.generic import curve_hypotheses, line_hypotheses, pulse_hypotheses
+from narx_sklearn.discrepancy.explain import FINE, refit_leaders
+from narx_sklearn.discrepancy.generic import (
+    TERMS,
+    curve_hypotheses,
+    line_hypotheses,
+    pulse_hypotheses,
+    without_terms,
+)
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.inference import covariance
 from narx_sklearn.discrepancy.placed import ALWAYS
 from narx_sklearn.discrepancy.powers import best_power
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit
+from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.remainder import look_at_remainder, look_for_pulse
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.structure import Structure
@@ -49,7 +58,35 @@ def best_unnamed(
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     found = [*found[:1], *([power] if power is not None else [])]
-    return min(found, key=lambda c: c.criterion, default=None)
+    return simplified(problem, min(found, key=lambda c: c.criterion)) if found else None
+
+
+def simplified(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return a set without the terms of a polynomial that do not pay for themselves (Schwarz 1978).
+
+    A law of the terms that are there holds also beyond the motion on which it was fitted. All that are lost
+    in their errors go at once, then the weakest by turns.
+    """
+    if len(candidate.effects) != 1 or candidate.effects[0].effect.code not in TERMS:
+        return candidate
+    best, dropped = candidate, set[int]()
+    while True:
+        (placed,), (theirs,) = best.effects, best.fit.model.theirs
+        n_terms = len(TERMS[placed.effect.code])
+        dropped = {j for j in dropped if j < n_terms}
+        if len(dropped) == n_terms - 1:
+            return best
+        error = np.sqrt(np.maximum(np.diag(covariance(problem, best.fit))[theirs][:n_terms], 0.0))
+        size = np.abs(placed.theta[:n_terms]) / np.where(error > 0, error, np.inf)
+        size[list(dropped)] = np.inf
+        weak = {int(np.argmin(size))}
+        if not dropped:
+            weak |= set(np.argsort(size)[: n_terms - 1].tolist()) & set(np.flatnonzero(size < 1.0).tolist())
+        fewer = without_terms(placed, dropped | weak)
+        found = fit(problem, best.fit.model._replace(effects=(fewer,)), iterations=FINE)
+        if found.cost - best.fit.cost > len(weak) * np.log(candidate.n_samples):
+            return best
+        best, dropped = Candidate(found, candidate.n_samples), dropped | weak
 
 
 def best_pulsating(

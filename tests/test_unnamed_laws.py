@@ -1,0 +1,110 @@
+"""Laws without a name: polynomials of position, rate and input keep the terms that pay for themselves."""
+
+import numpy as np
+import pytest
+from small_machines import levels
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.generic import (
+    DRIVEN,
+    MONOMIALS,
+    SURFACE,
+    TERMS,
+    curve_hypotheses,
+    without_terms,
+)
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.unnamed import simplified
+from narx_sklearn.discrepancy.windows import cut
+
+ABOUT = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
+PARAMETERS = {"gain": 4.0, "damping": 1.0, "stiffness": 20.0}
+
+
+def plain(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def van_der_pol(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 10.0 * x[0] ** 2 * x[1]
+
+
+def driven_less(x, u, p):
+    return x[1], p[0] * u[0] * (1.0 - 0.3 * x[0]) - p[1] * x[1] - p[2] * x[0]
+
+
+def polynomials(machine):
+    """Return a problem, and what the polynomials in position, rate and input come to on it."""
+    rng = np.random.default_rng(0)
+    u = levels(rng, 1200)
+    y = ODESimulator(machine, parameters=PARAMETERS, **ABOUT).simulate(u)
+    y = y + 0.002 * rng.normal(size=y.shape)
+    simulator = ODESimulator(plain, parameters=PARAMETERS, **ABOUT)
+    problem = Problem(simulator, u, y, cut([(slice(0, 1200), 0)], 300, 12), Noise.white(np.array([0.002])))
+    base = fit(problem, Model(simulator.nominal, (), np.zeros((4, 2))))
+    run = problem.run(base.model)
+    found = {}
+    for hypothesis in curve_hypotheses(simulator, find_structure(simulator, run.x, u), u, run.x, run.y):
+        placed = hypothesis.placed
+        if placed.effect.code in TERMS:
+            law = fit(problem, base.model._replace(effects=(placed,)))
+            found[placed.effect.code] = Candidate(law, problem.n_seen)
+    return problem, found
+
+
+@pytest.mark.parametrize(
+    ("machine", "code", "left"),
+    [
+        (van_der_pol, SURFACE, "x2v x^2 v"),
+        (van_der_pol, DRIVEN, "x2v x^2 v"),
+        (driven_less, DRIVEN, "ux u x"),
+    ],
+)
+def test_the_term_that_is_there_stays_alone(machine, code, left):
+    problem, found = polynomials(machine)
+    law = simplified(problem, found[code])
+    (placed,) = law.effects
+    assert placed.effect.equation.startswith(f"{left}, x")
+    coefficients = np.array(placed.theta)[: len(TERMS[placed.effect.code])]
+    assert np.count_nonzero(coefficients) == 1
+    assert law.n_values == found[code].fit.model.p.size + 1
+    assert law.fit.cost < found[code].fit.cost + 11 * np.log(problem.n_seen)
+    assert law.fit.cost == pytest.approx(problem.n_seen, rel=0.1)
+
+
+def test_where_no_term_with_the_input_is_left_it_is_a_law_of_position_and_rate():
+    problem, found = polynomials(van_der_pol)
+    (driven,) = found[DRIVEN].effects
+    law = without_terms(driven, range(len(MONOMIALS), len(TERMS[DRIVEN])))
+    assert (law.effect.code, law.second, law.port) == (SURFACE, (), driven.port)
+    without = driven.at([*driven.theta[: len(MONOMIALS)], 0.0, 0.0, 0.0, 0.0, *driven.theta[-3:]])
+    runs = [problem.run(found[DRIVEN].fit.model._replace(effects=(placed,))).y for placed in (law, without)]
+    np.testing.assert_allclose(*runs, rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_no_polynomial_is_left_as_it_is():
+    problem, found = polynomials(van_der_pol)
+    nothing = Candidate(found[SURFACE].fit._replace(model=found[SURFACE].fit.model._replace(effects=())), 1)
+    assert simplified(problem, nothing) is nothing
+
+
+def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
+    rng = np.random.default_rng(1)
+    u = levels(rng, 1500)
+    y = ODESimulator(van_der_pol, parameters=PARAMETERS, **ABOUT).simulate(u)
+    y = y + 0.02 * np.std(y) * rng.normal(size=y.shape)
+    simulator = ODESimulator(plain, parameters={"gain": 4.4, "damping": 0.9, "stiffness": 22.0}, **ABOUT)
+    named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
+    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    assert dx.verdict_ == "unknown"
+    (finding,) = dx.findings_
+    assert "x2v x^2 v" in finding.equation
+    assert len(finding.parameters) <= 4  # of seven coefficients and two sizes
+    strength, x, v = (finding.parameters[name] for name in ("x2v", "size of x", "size of v"))
+    assert strength / (x * x * v) == pytest.approx(-10.0, rel=0.25)
+    np.testing.assert_allclose(dx.parameters_["augmented"], [4.0, 1.0, 20.0], rtol=0.05)
+    assert "depends on position and rate as none of the known" in dx.report_
