@@ -211,11 +211,31 @@ def load_beside_friction():
 
 
 @pytest.mark.parametrize(("better", "stand_in"), [(-12.0, False), (12.0, True)])
-def test_two_names_that_one_curve_outdoes_only_stand_in_for_it(better, stand_in):
+def test_two_names_that_a_simpler_law_outdoes_only_stand_in_for_it(better, stand_in):
     problem, base, two = load_beside_friction()
     assert not only_stand_in(base, two, None, NOTHING_LEFT, 0.005)
     one = two.fit._replace(cost=two.fit.cost - better, model=two.fit.model._replace(effects=(friction(0.4),)))
     assert only_stand_in(base, two, Candidate(one, problem.n_seen), NOTHING_LEFT, 0.005) == stand_in
+
+
+@pytest.mark.parametrize(("share", "stand_in"), [(0.003, False), (0.02, True)])
+def test_a_law_of_many_numbers_must_be_visibly_better(share, stand_in):
+    """At little noise every form is seen to be idealised."""
+    problem, base, two = load_beside_friction()
+    surface = next(h.placed for h in surfaces(problem, base))
+    cost = two.fit.cost - share * (base.cost - two.fit.cost)
+    found = fit(problem, base.model._replace(effects=(surface,)), iterations=2)
+    law = Candidate(found._replace(cost=cost), problem.n_seen)
+    assert law.n_values > two.n_values
+    assert law.criterion < two.criterion - 12
+    assert only_stand_in(base, two, law, NOTHING_LEFT, 0.005) == stand_in
+
+
+def surfaces(problem, base):
+    run = problem.run(base.model)
+    structure = find_structure(problem.simulator, run.x, problem.u)
+    found = curve_hypotheses(problem.simulator, structure, problem.u, run.x, run.y)
+    return [h for h in found if h.placed.effect.code == SURFACE]
 
 
 @pytest.mark.parametrize(

@@ -384,11 +384,33 @@ def test_times_to_look_at(rows, spans):
         assert one == pytest.approx(wanted)
 
 
-def test_sessions_have_times_of_their_own():
+@pytest.mark.parametrize(
+    ("rows", "span"),
+    [
+        ([(100, 200, 0.5)], (2.0, 4.0)),
+        ([(600, 700, 0.5)], (2.0, 4.0)),  # counted from where the session began
+        ([(100, 200, 0.5), (605, 710, 0.4)], (2.0, 4.2)),  # at about the same time of each
+    ],
+)
+def test_sessions_have_times_of_their_own(rows, span):
     u = drive(1000)
     pieces = [(slice(0, 500), 0), (slice(500, 1000), 500)]
     problem = Problem(make(), u, u, cut(pieces, 100, 8), Noise.white(np.ones(1)))
-    assert spans_of(stretches((100, 200, 0.5)), problem) == []
+    assert spans_of(stretches(*rows), problem)[0] == pytest.approx(span)
+    assert large_parts(problem)[1] == pytest.approx((2.5, 7.5))
+
+
+def test_what_acts_for_a_while_in_each_session_is_found():
+    parts = [rubbed(n=2000, start=600, stop=1200, noise=0.004)[:2] for _ in range(2)]
+    u, y = (np.concatenate(both) for both in zip(*parts, strict=True))
+    sessions = np.repeat([0, 1], 2000)
+    named = ["coulomb_friction", "constant_load", "gain_drift"]
+    dx = DiscrepancyRegressor(make(), effects=named, random_state=0).fit(u, y, sessions=sessions)
+    first = dx.findings_[0]
+    assert (first.effect, first.port) == ("coulomb_friction", "state:1")
+    assert first.during == pytest.approx((12.0, 24.0), abs=0.5)
+    assert first.parameters["Fc"] == pytest.approx(FRICTION, rel=0.1)
+    assert len(dx.location_.segments.query("effect == 'coulomb_friction'")) == 2
 
 
 def held_load():

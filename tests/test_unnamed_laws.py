@@ -30,7 +30,7 @@ def plain(x, u, p):
 
 
 def van_der_pol(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 10.0 * x[0] ** 2 * x[1]
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 5.0 * x[0] ** 2 * x[1]
 
 
 def driven_less(x, u, p):
@@ -96,7 +96,7 @@ def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
     rng = np.random.default_rng(1)
     u = levels(rng, 1500)
     y = ODESimulator(van_der_pol, parameters=PARAMETERS, **ABOUT).simulate(u)
-    y = y + 0.02 * np.std(y) * rng.normal(size=y.shape)
+    y = y + 0.01 * np.std(y) * rng.normal(size=y.shape)
     simulator = ODESimulator(plain, parameters={"gain": 4.4, "damping": 0.9, "stiffness": 22.0}, **ABOUT)
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
     dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
@@ -105,6 +105,6 @@ def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
     assert "x2v x^2 v" in finding.equation
     assert len(finding.parameters) <= 4  # of seven coefficients and two sizes
     strength, x, v = (finding.parameters[name] for name in ("x2v", "size of x", "size of v"))
-    assert strength / (x * x * v) == pytest.approx(-10.0, rel=0.25)
-    np.testing.assert_allclose(dx.parameters_["augmented"], [4.0, 1.0, 20.0], rtol=0.05)
+    assert strength / (x * x * v) == pytest.approx(-5.0, rel=0.2)
+    np.testing.assert_allclose(dx.parameters_["augmented"], [4.0, 1.0, 20.0], rtol=0.1)
     assert "depends on position and rate as none of the known" in dx.report_

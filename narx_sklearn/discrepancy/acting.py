@@ -29,7 +29,7 @@ def state_forces(
     for theta, (_, placed) in zip(thetas, acting, strict=True):
         n = len(placed.effect.parameters)
         theta[:n] = placed.theta[:n]
-    ages = _age(windows, rows)
+    ages = age_of(windows, rows)
     arguments, values = np.zeros((2, len(acting), rows.size))
     for at, (k, age) in enumerate(zip(rows, ages, strict=True)):
         x, now = run.x[k], u[k]
@@ -84,10 +84,10 @@ def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, fo
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
     """Tell at which samples inside the windows an effect acts."""
-    return placed.acts_at(_age(windows, rows) * dt)
+    return placed.acts_at(age_of(windows, rows) * dt)
 
 
-def _age(windows: Windows, rows: np.ndarray) -> np.ndarray:
+def age_of(windows: Windows, rows: np.ndarray) -> np.ndarray:
     """Return how many samples of its session went before each of some samples."""
     return rows - windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
 

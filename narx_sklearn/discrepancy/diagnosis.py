@@ -140,8 +140,10 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     problem, refitted, _ = searched
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
     searched, found = _looked_into_parts(searched, stretches, structure, settings)
-    problem, refitted, steps = searched
     p_missing = searched.p_value
+    if searched.steps and (found is None or not found.best.effects):
+        searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
+    problem, refitted, steps = searched
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
@@ -149,8 +151,6 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         nothing = "refit" if p_moved <= settings.alpha else "consistent"
         found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
-    if steps and not found.best.effects:
-        found, p_missing = _unless_noise(found, searched, structure, settings)
     verdict, best, alternatives, unnamed, _, against_noise = found
     verdict = "unknown" if twin_misses_more else verdict
     if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
@@ -201,23 +201,35 @@ def _looked_into_parts(
 
 
 def _unless_noise(
-    found: Judgement, searched: Searched, structure: Structure, settings: Settings
-) -> tuple[Judgement, float]:
-    """Return what is said where no search found anything, and the p-value: what is left must be noise."""
-    problem = searched.problem
+    found: Judgement | None,
+    searched: Searched,
+    stretches: Stretches,
+    structure: Structure,
+    settings: Settings,
+) -> tuple[Searched, Judgement | None, float]:
+    """Return the search and what is said where none found anything, and the p-value: the rest must be noise.
+
+    Where it is none, what acts for half of the time may have bent all that was fitted.
+    """
+    problem, refitted, _ = searched
     settings.tell("is what is left over noise?")
-    remainder = look_at_remainder(problem, found.best.fit.model, structure, settings.random_state)
+    remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
     if remainder.p_value > SHARE * settings.alpha:
-        return found, searched.p_value
+        return searched, found, searched.p_value
+    in_part = search_in_spans(large_parts(problem), stretches.p, searched, structure, settings)
+    named = in_part and judge(in_part, structure, settings)
+    if in_part and named and named.verdict != "unknown":
+        return in_part, named, in_part.p_value
+    nothing = Candidate(refitted, problem.n_seen)
     unnamed, against_noise = None, remainder.speaking(SHARE * settings.alpha)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
     if waves or any(sign.kind == "follows" for sign in against_noise):
         known = searched.hypotheses
-        unnamed = best_unnamed(problem, found.best.fit, found.best, structure, settings, known, waves)
-    if unnamed is not None and is_explained_by(problem, found.best, unnamed, structure, settings):
-        return Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
-    told = Judgement("unknown", found.best, found.alternatives, unnamed, against_noise=against_noise)
-    return told, remainder.p_value
+        unnamed = best_unnamed(problem, refitted, nothing, structure, settings, known, waves)
+    if unnamed is not None and is_explained_by(problem, nothing, unnamed, structure, settings):
+        return searched, Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
+    told = Judgement("unknown", nothing, (), unnamed, against_noise=against_noise)
+    return searched, told, remainder.p_value
 
 
 def _tells_more(unnamed: Candidate, best: Candidate) -> bool:

@@ -216,12 +216,17 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
     energy = np.nansum(residual[samples] ** 2, axis=1)
     rows = []
     for effect in passing:
-        acts = effect.acts_at((samples - windows.began[0]) * dt)
-        start, stop = samples[acts][[0, -1]] + (0, 1)
-        row = {"start": start, "stop": stop, "start_s": start * dt, "stop_s": stop * dt}
-        row |= {"share": energy[acts].sum() / energy.sum(), "time_share": acts.mean(), "z_score": np.nan}
-        rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.effect.code})
-        table = table[(table["start"] >= stop) | (table["stop"] <= start)]
+        for began in np.unique(windows.began):  # in each session at the same time
+            own = windows.began == began
+            inside = (samples >= windows.first[own].min()) & (samples < windows.last[own].max())
+            acts = inside & effect.acts_at((samples - began) * dt)
+            if not acts.any():
+                continue
+            start, stop = samples[acts][[0, -1]] + (0, 1)
+            row = {"start": start, "stop": stop, "start_s": start * dt, "stop_s": stop * dt}
+            row |= {"share": energy[acts].sum() / energy.sum(), "time_share": acts.mean(), "z_score": np.nan}
+            rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.effect.code})
+            table = table[(table["start"] >= stop) | (table["stop"] <= start)]
     return pd.concat(
         [pd.DataFrame(rows), *([table.assign(effect="")] if len(table) else [])], ignore_index=True
     )

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.coloured_search import hypotheses_of
 from narx_sklearn.discrepancy.confirm import is_all_drift, is_of_a_sensor
 from narx_sklearn.discrepancy.explain import probe
 from narx_sklearn.discrepancy.generic import UNNAMED
-from narx_sklearn.discrepancy.lookalikes import is_a_change
+from narx_sklearn.discrepancy.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.naming import FORM
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.ranking import gains
@@ -70,12 +70,15 @@ def only_stand_in(
 ) -> bool:
     """Tell whether effects that act together were bent to a law that is none of them.
 
-    One curve is then the likelier explanation, or they visibly leave something.
+    One that has no name is then likelier, and simpler or visibly better, or they visibly leave something.
     """
     if len(best.effects) < 2:
         return False
     if unnamed is not None and _is_likelier(unnamed, best):
-        return True
+        better = best.fit.cost - unnamed.fit.cost
+        is_simpler = unnamed.n_values <= best.n_values
+        if is_simpler or better > REFINES * (refitted.cost - unnamed.fit.cost):
+            return True
     to_explain = refitted.cost - best.fit.cost + leftover.gain
     return leftover.p_value <= alpha and leftover.gain > BENT * to_explain
 

@@ -69,7 +69,8 @@ class Finding:
     confidence : float, default=0.0
         Weight of this effect among all that were tried in its place.
     during : tuple of (float, float), default=None
-        Seconds since the session began, between which it acts; None where it always does.
+        Seconds since the session began, of each where there are several, between which it acts; None where it
+        always does.
     evidence : dict, default=None
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
         ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``,

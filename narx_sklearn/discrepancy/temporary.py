@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
+from narx_sklearn.discrepancy.acting import age_of
 from narx_sklearn.discrepancy.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.coloured_search import Searched, converged, hypotheses_of
@@ -129,29 +130,30 @@ def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | Non
 
 
 def _ends(problem: Problem) -> Span:
-    """Return when the samples fitted begin and end."""
+    """Return when the samples fitted begin and end, at the earliest and at the latest of all sessions."""
     windows, dt = problem.windows, problem.simulator.dt
-    return float(windows.first[0] - windows.began[0]) * dt, float(windows.last[-1] - windows.began[0]) * dt
+    return float((windows.first - windows.began).min()) * dt, float((windows.last - windows.began).max()) * dt
 
 
 def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     """Return the times between which something may have acted: all stretches together, and the largest.
 
     Where one reaches an end, what acted may as well be missing in it and there in the rest, which was taken
-    for ordinary. Of several sessions each has times of its own, and nothing is looked for.
+    for ordinary. In several sessions it acts at the same time of each.
     """
-    windows, table, dt = problem.windows, stretches.table, problem.simulator.dt
-    if not len(table) or np.unique(windows.began).size > 1:
+    table, dt = stretches.table, problem.simulator.dt
+    if not len(table):
         return []
-    start, stop = table["start"].to_numpy(), table["stop"].to_numpy()
+    start = age_of(problem.windows, table["start"].to_numpy()) * dt
+    stop = start + (table["stop"] - table["start"]).to_numpy() * dt
     largest = int(table["share"].to_numpy().argmax())
-    first, last, began = int(windows.first[0]), int(windows.last[-1]), int(windows.began[0])
+    first, last = _ends(problem)
     near = AT_AN_END * (last - first)
     found: list[Span] = []
     for a, b in ((start.min(), stop.max()), (start[largest], stop[largest])):
         if b - a <= MOST * (last - first):
-            begins = -np.inf if a - first < near else float(a - began) * dt
-            ends = np.inf if last - b < near else float(b - began) * dt
+            begins = -np.inf if a - first < near else float(a)
+            ends = np.inf if last - b < near else float(b)
             found += [(begins, ends)]
             found += [(ends, np.inf)] * (begins == -np.inf) + [(-np.inf, begins)] * (ends == np.inf)
     return list(dict.fromkeys(found))
@@ -168,9 +170,7 @@ def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
 
 
 def large_parts(problem: Problem) -> list[Span]:
-    """Return the halves of the time that is looked at, and its middle; nothing where there are sessions."""
-    if np.unique(problem.windows.began).size > 1:
-        return []
+    """Return the halves of the time that is looked at, and its middle."""
     first, last = _ends(problem)
     quarter = 0.25 * (last - first)
     return [(-np.inf, first + 2 * quarter), (first + quarter, last - quarter), (last - 2 * quarter, np.inf)]

@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import FINE, refit_leaders
 from narx_sklearn.discrepancy.generic import (
+    LINE,
     TERMS,
     curve_hypotheses,
     line_hypotheses,
@@ -42,8 +43,8 @@ def best_unnamed(
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
     So are forces that go as a power, but one that an effect has which is ``known``. Beside what acts for a
-    while, a change of the simulator's own parameters meanwhile is tried too, and what pulsates at the
-    frequencies of some ``waves``, Hz.
+    while, curves are tried that do too, and a change of the simulator's own parameters meanwhile; and what
+    pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -54,11 +55,13 @@ def best_unnamed(
     for wave in waves:
         curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
     placed = [replace(curve.placed, during=during) for curve in curves]
+    if during != ALWAYS:
+        placed += [curve.placed for curve in curves if curve.placed.effect.code != LINE]
     beside = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
-    found = [*found[:1], *([power] if power is not None else [])]
-    return simplified(problem, min(found, key=lambda c: c.criterion)) if found else None
+    laws = [*(simplified(problem, curve) for curve in found[:1]), *([power] if power is not None else [])]
+    return min(laws, key=lambda c: c.criterion, default=None)
 
 
 def simplified(problem: Problem, candidate: Candidate) -> Candidate:
@@ -69,7 +72,7 @@ def simplified(problem: Problem, candidate: Candidate) -> Candidate:
     """
     if len(candidate.effects) != 1 or candidate.effects[0].effect.code not in TERMS:
         return candidate
-    best, dropped = candidate, set[int]()
+    best, dropped, at_once = candidate, set[int](), True
     while True:
         (placed,), (theirs,) = best.effects, best.fit.model.theirs
         n_terms = len(TERMS[placed.effect.code])
@@ -79,14 +82,16 @@ def simplified(problem: Problem, candidate: Candidate) -> Candidate:
         error = np.sqrt(np.maximum(np.diag(covariance(problem, best.fit))[theirs][:n_terms], 0.0))
         size = np.abs(placed.theta[:n_terms]) / np.where(error > 0, error, np.inf)
         size[list(dropped)] = np.inf
-        weak = {int(np.argmin(size))}
-        if not dropped:
-            weak |= set(np.argsort(size)[: n_terms - 1].tolist()) & set(np.flatnonzero(size < 1.0).tolist())
+        order = np.argsort(size)
+        n_lost = min(np.count_nonzero(size < 1.0), n_terms - 1 - len(dropped)) if at_once else 1
+        weak = set(order[: max(n_lost, 1)].tolist())
         fewer = without_terms(placed, dropped | weak)
         found = fit(problem, best.fit.model._replace(effects=(fewer,)), iterations=FINE)
-        if found.cost - best.fit.cost > len(weak) * np.log(candidate.n_samples):
+        if found.cost - best.fit.cost <= len(weak) * np.log(candidate.n_samples):
+            best, dropped = Candidate(found, candidate.n_samples), dropped | weak
+        elif len(weak) == 1:
             return best
-        best, dropped = Candidate(found, candidate.n_samples), dropped | weak
+        at_once = False
 
 
 def best_pulsating(
