@@ -1321,6 +1321,7 @@ class TestRegistry:
             ({"second": "state"}, "second must be one of"),
             ({"amplitude": 1}, "amplitude must index"),
             ({"begin": 1}, "begin must index"),
+            ({"power": 3.0}, r"power must be Power\(exponent, odd\)"),
             ({"form": 1}, "form must index"),
             ({"reach": -1}, "reach must index"),
             ({"met_on": "friction"}, "met_on must be one of"),
