@@ -239,12 +239,25 @@ def surfaces(problem, base):
 
 
 @pytest.mark.parametrize(
-    ("share", "p_value", "stand_in"), [(0.005, 1e-4, False), (0.02, 1e-4, True), (0.02, 0.01, False)]
+    ("share", "p_value", "of_form", "stand_in"),
+    [
+        (0.005, 1e-4, True, False),
+        (0.02, 1e-4, True, True),
+        (0.02, 0.01, True, False),  # it may be noise
+        (0.02, 1e-4, False, False),  # a third name would take it
+    ],
 )
-def test_two_names_that_leave_something_only_stand_in_for_it(share, p_value, stand_in):
+def test_two_names_that_leave_something_where_they_act_stand_in_for_it(share, p_value, of_form, stand_in):
     _, base, two = load_beside_friction()
-    left = Leftover(p_value, share / (1 - share) * (base.cost - two.fit.cost))
+    left = Leftover(p_value, share / (1 - share) * (base.cost - two.fit.cost), of_form)
     assert only_stand_in(base, two, None, left, 0.005) == stand_in
+
+
+def test_a_series_of_one_kind_stands_in_for_what_it_makes():
+    _, base, two = load_beside_friction()
+    model = two.fit.model._replace(effects=(two.effects[1], two.effects[1]))
+    left = Leftover(1e-4, 0.02 * (base.cost - two.fit.cost))
+    assert only_stand_in(base, Candidate(two.fit._replace(model=model), two.n_samples), None, left, 0.005)
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,9 @@ def only_stand_in(
 ) -> bool:
     """Tell whether effects that act together were bent to a law that is none of them.
 
-    One that has no name is then likelier, and simpler or visibly better, or they visibly leave something.
+    One that has no name is then likelier, and simpler or visibly better, or they visibly leave something
+    where they act. What is left for one more name may be physics too, unless all are of one kind (sines, of
+    which a series makes anything).
     """
     if len(best.effects) < 2:
         return False
@@ -79,8 +81,10 @@ def only_stand_in(
         is_simpler = unnamed.n_values <= best.n_values
         if is_simpler or better > REFINES * (refitted.cost - unnamed.fit.cost):
             return True
-    to_explain = refitted.cost - best.fit.cost + leftover.gain
-    return leftover.p_value <= alpha and leftover.gain > BENT * to_explain
+    is_series = len({effect.effect.code for effect in best.effects}) == 1
+    return leftover._replace(of_form=leftover.of_form or is_series).refutes(
+        refitted.cost - best.fit.cost, BENT, alpha
+    )
 
 
 def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:
