@@ -28,6 +28,28 @@ def make_axis(gain=1.0, damping=0.5, equations=axis, output=(0,)):
     )
 
 
+def oscillator(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def make_oscillator(equations=oscillator, gain=4.0, damping=1.0, stiffness=20.0):
+    return ODESimulator(
+        equations,
+        dt=0.02,
+        parameters={"gain": gain, "damping": damping, "stiffness": stiffness},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+def recorded_oscillator(equations, noise, seed):
+    """Return an input, and what an oscillator with such equations makes of it, with noise of such a share."""
+    rng = np.random.default_rng(seed)
+    u = levels(rng, 1500)
+    y = make_oscillator(equations).simulate(u)
+    return u, y + noise * np.std(y) * rng.normal(size=y.shape)
+
+
 def circuit(x, u, p):
     return p[0] * x[1], p[1] * (u[0] - x[0]) - p[2] * x[1]
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_machines import axis_problem, levels
+from small_machines import axis_problem, make_oscillator, recorded_oscillator
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.generic import (
     EVEN_POWER,
     ODD_POWER,
+    placed_powers,
     power_effect,
-    power_hypotheses,
     with_free_power,
 )
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
@@ -122,13 +122,9 @@ class TestWithoutAName:
     def test_it_is_tried_either_way_on_all_that_moves(self):
         problem, start = axis_problem()
         x = problem.run(start).x
-        hypotheses = power_hypotheses(problem.simulator, find_structure(problem.simulator, x, problem.u), x)
-        tried = {(h.placed.effect.code, h.placed.weights) for h in hypotheses}
+        placed = placed_powers(problem.simulator, find_structure(problem.simulator, x, problem.u), x)
+        tried = {(p.effect.code, p.weights) for p in placed}
         assert tried == {(c, w) for c in (ODD_POWER, EVEN_POWER) for w in (VELOCITY, (1.0, 0.0))}
-
-
-def oscillator(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
 
 
 def damped_by_the_cube(x, u, p):
@@ -144,12 +140,8 @@ def held_by_the_fifth(x, u, p):
     [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
 )
 def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
-    about = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
-    rng = np.random.default_rng(0)
-    u = levels(rng, 1500)
-    y = ODESimulator(machine, parameters={"g": 4.0, "d": 1.0, "k": 20.0}, **about).simulate(u)
-    y = y + 0.03 * np.std(y) * rng.normal(size=y.shape)
-    simulator = ODESimulator(oscillator, parameters={"g": 4.4, "d": 0.9, "k": 22.0}, **about)
+    u, y = recorded_oscillator(machine, noise=0.03, seed=0)
+    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
     named = ["quadratic_drag", "cubic_stiffness", "cogging"]
     dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
     assert dx.verdict_ == "unknown"

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from small_machines import levels
+from small_machines import levels, make_oscillator, recorded_oscillator
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.generic import (
     DRIVEN,
@@ -21,13 +21,6 @@ from narx_sklearn.discrepancy.structure import find_structure
 from narx_sklearn.discrepancy.unnamed import simplified
 from narx_sklearn.discrepancy.windows import cut
 
-ABOUT = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
-PARAMETERS = {"gain": 4.0, "damping": 1.0, "stiffness": 20.0}
-
-
-def plain(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
-
 
 def van_der_pol(x, u, p):
     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 5.0 * x[0] ** 2 * x[1]
@@ -41,9 +34,9 @@ def polynomials(machine):
     """Return a problem, and what the polynomials in position, rate and input come to on it."""
     rng = np.random.default_rng(0)
     u = levels(rng, 1200)
-    y = ODESimulator(machine, parameters=PARAMETERS, **ABOUT).simulate(u)
+    y = make_oscillator(machine).simulate(u)
     y = y + 0.002 * rng.normal(size=y.shape)
-    simulator = ODESimulator(plain, parameters=PARAMETERS, **ABOUT)
+    simulator = make_oscillator()
     problem = Problem(simulator, u, y, cut([(slice(0, 1200), 0)], 300, 12), Noise.white(np.array([0.002])))
     base = fit(problem, Model(simulator.nominal, (), np.zeros((4, 2))))
     run = problem.run(base.model)
@@ -93,11 +86,8 @@ def test_what_is_no_polynomial_is_left_as_it_is():
 
 
 def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
-    rng = np.random.default_rng(1)
-    u = levels(rng, 1500)
-    y = ODESimulator(van_der_pol, parameters=PARAMETERS, **ABOUT).simulate(u)
-    y = y + 0.01 * np.std(y) * rng.normal(size=y.shape)
-    simulator = ODESimulator(plain, parameters={"gain": 4.4, "damping": 0.9, "stiffness": 22.0}, **ABOUT)
+    u, y = recorded_oscillator(van_der_pol, noise=0.01, seed=1)
+    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
     dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
     assert dx.verdict_ == "unknown"

@@ -124,19 +124,18 @@ def _even_power(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * np.abs(argument / theta[2]) ** theta[1]
 
 
-def power_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[Hypothesis]:
-    """Return a force that goes as a power, for each state equation and argument, either way."""
+def placed_powers(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[PlacedEffect]:
+    """Return a force that goes as a power, for each state equation and argument that moves, either way."""
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in _moving(i, simulator, structure):
             size = np.abs(x @ np.array(argument.weights)).max()
+            if not size > 0:
+                continue
             for power in (Power(3.0, odd=True), Power(2.0, odd=False)):
                 placed = placed_at(power_effect(power, size), Port("state", i), argument)
-                theta = np.r_[0.0, power.exponent, size, [placed.share] * placed.reacts]
-                starts = (theta + np.eye(theta.size)[0])[None, :]
-                nothing = np.zeros(1)
-                found.append(Hypothesis(placed.at(theta), starts, tuned=nothing > 0, tried=nothing))
-    return [hypothesis for hypothesis in found if hypothesis.placed.theta[2] > 0]
+                found.append(placed.at((0.0, power.exponent, size, *[placed.share] * placed.reacts)))
+    return found
 
 
 def power_effect(power: Power, size: float) -> Effect:

@@ -63,13 +63,13 @@ def untold(fit: Fit) -> np.ndarray:
     whose own change by all of itself is lost in the noise is not among them.
     """
     flat = fit.jacobian.reshape(-1, fit.model.q.size)
-    size, relative = np.linalg.norm(flat, axis=0), np.abs(fit.steps) / SMALL
-    heard = _felt_alone(fit) > 1.0
+    size, felt = np.linalg.norm(flat, axis=0), _felt_alone(fit)
+    heard = felt > 1.0
     if not heard.any():
         return np.zeros((0, size.size))
     flat = flat[:, heard] / size[heard]
     values, vectors = np.linalg.eigh(flat.T @ flat)
-    silent = vectors[:, values < ALIKE * values.max()] / (size[heard] * relative[heard])[:, None]
+    silent = vectors[:, values < ALIKE * values.max()] / felt[heard][:, None]
     directions = np.zeros((silent.shape[1], size.size))
     directions[:, heard] = np.linalg.qr(silent)[0].T
     return directions
@@ -81,7 +81,7 @@ def _felt_alone(fit: Fit) -> np.ndarray:
     Of one that is zero, with its ordinary size.
     """
     flat = fit.jacobian.reshape(-1, fit.model.q.size)
-    return np.linalg.norm(flat, axis=0) * np.abs(fit.steps) / SMALL
+    return np.linalg.norm(flat, axis=0) * (np.abs(fit.steps) / SMALL)
 
 
 def told_together(directions: np.ndarray) -> list[list[int]]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.explain import FINE, refit_leaders
-from narx_sklearn.discrepancy.generic import HALF, ODD_POWER, POWERS, power_hypotheses, with_free_power
+from narx_sklearn.discrepancy.generic import HALF, ODD_POWER, POWERS, placed_powers, with_free_power
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.problem import Problem
@@ -49,8 +49,7 @@ def best_power(
     It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
     """
     run = problem.run(refitted.model)
-    hypotheses = power_hypotheses(problem.simulator, structure, run.x[problem.rows[problem.inside]])
-    placed = [hypothesis.placed for hypothesis in hypotheses]
+    placed = placed_powers(problem.simulator, structure, run.x[problem.rows[problem.inside]])
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
     return found[0] if found and _is_new(found[0].effects[0], known) else None
 

@@ -9,7 +9,6 @@ from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.confirm import chance_of_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.explain import FINE, refit_leaders
 from narx_sklearn.discrepancy.generic import (
-    LINE,
     TERMS,
     curve_hypotheses,
     line_hypotheses,
@@ -49,14 +48,13 @@ def best_unnamed(
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
     during = times.pop() if len(times) == 1 else ALWAYS
-    if during != ALWAYS:
-        curves += line_hypotheses(problem.simulator, structure)
     fine = 1.0 / (problem.simulator.dt * len(problem.y))  # between two that the record tells apart
     for wave in waves:
         curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
-    placed = [replace(curve.placed, during=during) for curve in curves]
+    placed = [curve.placed for curve in curves]
     if during != ALWAYS:
-        placed += [curve.placed for curve in curves if curve.placed.effect.code != LINE]
+        curves += line_hypotheses(problem.simulator, structure)
+        placed += [replace(curve.placed, during=during) for curve in curves]
     beside = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)

@@ -58,9 +58,8 @@ def invariances(
     Returns
     -------
     DataFrame
-        Index ``property``; columns ``value``, ``low``, ``high`` (95 % interval) and ``reading`` in words:
-
-        One that this record does not tell reads so.
+        Index ``property``; columns ``value``, ``low``, ``high`` (95 % interval) and ``reading`` in words,
+        "not told" where this record does not tell:
 
         - ``odd``: share of :math:`f(x)` that is odd about zero, where x and -x both occur; NaN when x visits
           one side only;
