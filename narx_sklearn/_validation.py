@@ -154,13 +154,15 @@ def finite_slices(pieces: Sequence[slice], finite: np.ndarray) -> list[slice]:
         return list(pieces)
     runs = []
     for piece in pieces:
-        inside = np.concatenate([[False], finite[piece], [False]])
-        edges = np.flatnonzero(inside[1:] != inside[:-1])
-        runs += [
-            slice(piece.start + int(a), piece.start + int(b))
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-        ]
+        runs += [slice(piece.start + a, piece.start + b) for a, b in true_runs(finite[piece])]
     return runs
+
+
+def true_runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Return (start, stop) of the runs of True."""
+    inside = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(inside[1:] != inside[:-1]).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def all_finite(data: np.ndarray) -> bool:

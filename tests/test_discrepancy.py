@@ -127,7 +127,7 @@ class TestHeldOut:
         told = what_adds_up(dx)
         for number in (in_windows, dx.scores_.loc["augmented", "rmse"]):
             assert f"{number:.2g} m" in told
-        dx.simulator_ = dx.refitted_simulator_
+        dx._corrected = dx.refitted_simulator_
         assert not what_adds_up(dx)
 
     def test_what_held_out_samples_do_not_show_is_said_to_be_unconfirmed(self, cubic):
@@ -135,7 +135,7 @@ class TestHeldOut:
         dx = copy(cubic[0])
         dx._not_confirmed = True
         assert "neither confirm nor refute" in report_text(dx)
-        dx.simulator_ = dx.refitted_simulator_
+        dx._corrected = dx.refitted_simulator_
         assert "neither confirm nor refute" not in report_text(dx)
 
     @pytest.mark.parametrize(("unit", "told"), [("kg", " kg "), ("1", " "), ("-", " "), ("", " ")])

@@ -1,16 +1,19 @@
 """Other valleys of the cost of effects that hold and jump."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.inference import intervals
 from narx_sklearn.discrepancy.lookalikes import look_alikes
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.valleys import other_valleys, spread_round
+from narx_sklearn.discrepancy.valleys import moved_in_time, other_valleys, spread_round
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -102,3 +105,24 @@ class TestSpreadRound:
         assert np.mean(values[:, 2] == 1.0) > 0.2
         assert np.all(np.abs(values[:, 1] - 0.5) <= octaves)
         assert not values[:, 3].any()
+
+
+class TestWhatHappenedOnce:
+    def test_its_ends_are_moved_to_the_sample_and_told_within_few(self):
+        held = PlacedEffect(CATALOGUE["stuck_sensor"], Port("output", 0), theta=(80.0, 6.0, 0.0))
+        held = replace(held, limits=((0.0, np.inf), (0.0, np.inf), (0.0, 0.0)))
+        problem, model = problem_of(held, 0.02)
+        near = fit(problem, model._replace(effects=(held.at([80.5, 5.1, 0.0]),)))
+        found = other_valleys(problem, near)
+        begin, duration, off = found.model.effects[0].theta
+        assert (begin, duration, off) == (pytest.approx(80.0), pytest.approx(6.0), 0.0)
+        rows = intervals(problem, found)[-3:]
+        assert np.all(rows[:2, 0] <= [80.0, 6.0])
+        assert np.all(rows[:2, 1] + 1e-9 >= [80.0, 6.0])
+        assert np.all(np.ptp(rows[:2], axis=1) < 0.5)
+
+    def test_ends_that_the_record_tells_stay(self):
+        held = PlacedEffect(CATALOGUE["stuck_sensor"], Port("output", 0), theta=(80.0, 6.0, 0.0))
+        told = replace(held, limits=((80.0, 80.0), (6.0, 6.0), (-0.1, 0.1)))
+        assert len(moved_in_time(told, 0.1)) == 0
+        assert len(moved_in_time(held, 0.1)) == 32

@@ -24,6 +24,7 @@ from narx_sklearn.physics.effects import (
     Effect,
     EffectParameter,
     Setting,
+    held_runs,
     list_effects,
     no_start,
     register_effect,
@@ -611,7 +612,7 @@ class TestTransforms:
             ("extra_mode", [0.0, 10.0, 0.1]),
             ("quantisation", [0.0]),
             ("quantisation", [1e-9]),
-            ("stuck_sensor", [1.0, 0.0]),
+            ("stuck_sensor", [1.0, 0.0, 0.0]),
             ("sensor_bias", [0.0]),
             ("periodic_disturbance", [0.0, 3.0, 0.0]),
             ("additive_drift", [0.0, 3.0, 1.0, 1.0]),
@@ -821,9 +822,21 @@ class TestTransforms:
 
     def test_a_stuck_sensor_holds_the_value_it_stuck_at(self):
         signal = wideband()
-        stuck = transformed("stuck_sensor", signal, [2.0, 1.0])
+        stuck = transformed("stuck_sensor", signal, [2.0, 1.0, 0.0])
         np.testing.assert_allclose(stuck[200:300], signal[200])
         np.testing.assert_array_equal(np.delete(stuck, np.s_[200:300]), np.delete(signal, np.s_[200:300]))
+        off = transformed("stuck_sensor", signal, [2.0, 1.0, 0.5])
+        np.testing.assert_allclose(off[200:300], signal[200] + 0.5)
+
+    def test_runs_of_one_value_are_held_where_values_change_otherwise(self):
+        signal = wideband()
+        signal[100:105], signal[200:203] = signal[100], signal[200]  # three may be chance
+        top = int(np.argmax(signal))
+        signal[top : top + 9] = signal.max()  # the range ends there
+        assert held_runs(signal) == [(100, 105)]
+        assert held_runs(np.append(np.nan, signal)) == [(101, 106)]
+        assert held_runs(np.round(signal)) == []
+        assert held_runs(np.full(9, 2.0)) == held_runs(np.full(9, np.nan)) == held_runs(np.empty(0)) == []
 
     @pytest.mark.parametrize(
         ("code", "theta"),
@@ -1144,10 +1157,10 @@ class TestStarts:
 
     def test_a_standstill_of_the_sensor_is_found(self):
         signal = wideband()
-        shown = transformed("stuck_sensor", signal, [4.0, 1.5])
+        shown = transformed("stuck_sensor", signal, [4.0, 1.5, 0.0])
         found, n_tried = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         assert n_tried > signal.size
-        begin, duration = found[0]
+        begin, duration, _ = found[0]
         assert begin == pytest.approx(4.0, abs=0.02)
         assert begin + duration == pytest.approx(5.5, abs=0.02)
 
@@ -1159,6 +1172,23 @@ class TestStarts:
         shown[400 : 400 + length] = signal[400]
         found, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         np.testing.assert_array_equal(transformed("stuck_sensor", signal, found[0]), shown)
+
+    def test_repeats_to_the_last_digit_tell_when_and_how_far_off(self):
+        signal = wideband()
+        noise = 0.1 * np.random.default_rng(0).normal(size=signal.size)
+        measured = signal + noise
+        measured[300:321] = measured[300]
+        setting = setting_of(signal, residual=measured - signal)._replace(elapsed=DT * np.arange(40, 1240))
+        effect = CATALOGUE["stuck_sensor"]
+        rows, n_tried = effect.scan(setting, setting.residual)
+        assert n_tried == 1
+        assert rows[0] == pytest.approx([340 * DT, 21 * DT, noise[300]])
+        low, high = effect.limits(setting).T
+        assert np.all(low[:2] == high[:2])
+        assert low[2] < noise[300] < high[2]
+        # with noise of its own a reading is that of the signal, at a time that is searched for
+        *_, off = effect.limits(setting._replace(residual=noise))
+        assert off.tolist() == [0.0, 0.0]
 
     def test_a_short_hold_is_found_though_all_but_its_end_shows_little(self):
         """Eight samples, of which the last three are a hundred times the noise off and the others a few."""
@@ -1173,8 +1203,8 @@ class TestStarts:
     def test_a_stuck_sensor_is_found_under_noise(self):
         signal = wideband()
         noise = 0.05 * np.std(signal) * np.random.default_rng(3).standard_normal(signal.size)
-        shown = transformed("stuck_sensor", signal, [4.0, 0.2]) + noise
-        begin, duration = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)[0][0]
+        shown = transformed("stuck_sensor", signal, [4.0, 0.2, 0.0]) + noise
+        begin, duration, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)[0][0]
         assert abs(begin - 4.0) < 0.1
         assert abs(duration - 0.2) < 0.1
 

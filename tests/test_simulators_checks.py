@@ -174,6 +174,16 @@ def test_duplicated_samples_are_counted():
     assert found["duplicated_samples"].evidence["repeated"] == 20
 
 
+def test_an_output_that_repeats_while_the_input_changes_is_told():
+    u, y = record()
+    y[700:780] = y[700]
+    (found,) = check_record(nominal(), u, y)
+    assert found.code == "held_output"
+    assert found.evidence["stretches"] == [(700, 780)]
+    u[700:] = u[700]
+    assert codes(u, y) == []  # nothing goes on there that it would miss
+
+
 def test_clipped_samples_are_counted():
     u, y = record()
     limit = 1.5 * y.std()

@@ -92,7 +92,7 @@ class Candidate:
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
-        ends = sum(int(np.isfinite(e.during).sum()) + e.effect.n_instants for e in self.effects)
+        ends = sum(int(np.isfinite(e.during).sum()) + len(e.effect.instants) for e in self.effects)
         return price + 2 * np.log(n) * (ends - self.given)
 
 

@@ -1,13 +1,20 @@
 """Mistakes in a record that would be sold as physics: found before the diagnosis begins."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
 
-from narx_sklearn._validation import as_signals, check_same_length, finite_rows, finite_slices, session_slices
+from narx_sklearn._validation import (
+    as_signals,
+    check_same_length,
+    finite_rows,
+    finite_slices,
+    session_slices,
+    true_runs,
+)
 from narx_sklearn.discrepancy.confirm import is_of_a_sensor
 from narx_sklearn.discrepancy.inference import untold
 from narx_sklearn.discrepancy.mistakes import (
@@ -29,6 +36,7 @@ from narx_sklearn.discrepancy.refit import SMALL, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.units import alike_but_for_time
 from narx_sklearn.discrepancy.windows import find_pace
+from narx_sklearn.physics.effects import held_runs
 
 TIME_CONSTANTS = 4.0  # a window's length; a session should hold one
 SAMPLES_A_NUMBER = 10  # samples for each number that is fitted, at least
@@ -77,8 +85,8 @@ class DataFinding:
     ----------
     code : str
         ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``,
-        ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"units"``, ``"quantised_output"``,
-        ``"spikes"``, ``"coarse_steps"``.
+        ``"held_output"``, ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"units"``,
+        ``"quantised_output"``, ``"spikes"``, ``"coarse_steps"``.
     sentence : str
         What was seen, with the number, and what to do.
     evidence : mapping of {str: value}
@@ -153,6 +161,7 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
         *_constant_inputs(simulator, u),
         *_duplicated_samples(u, y, pieces),
         *_clipped_outputs(simulator, u, y, pieces),
+        *_held_outputs(simulator, u, y, pieces),
     ]
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     if longest < _fewest(simulator):
@@ -313,6 +322,9 @@ def _duplicated_samples(u, y, pieces):
         changing = np.diff(y[piece], axis=0)
         changing = y[piece][1:][(changing != 0).all(axis=1) & np.isfinite(changing).all(axis=1)]
         distinct = min((np.unique(column).size for column in changing.T), default=0)
+        for column in y[piece].T:  # told of as held outputs
+            for a, b in held_runs(column):
+                same[a:b] = False
         n_seen += same.size
         if len(changing) and distinct >= DISTINCT * len(changing):
             repeated += sum(b - a for a, b in true_runs(same) if b - a < HELD_RUN)
@@ -347,16 +359,32 @@ def _clipped_outputs(simulator: Simulator, u, y, pieces):
                 )
 
 
+def _held_outputs(simulator: Simulator, u, y, pieces):
+    """Yield a finding for each output that repeats one value while something else in the record changes."""
+    for j, signal in enumerate(simulator.outputs):
+        others = np.column_stack([u, np.delete(y, j, axis=1)])
+        held = [
+            (piece.start + a, piece.start + b)
+            for piece in pieces
+            for a, b in held_runs(y[piece, j])
+            if (others[piece][a + 1 : b] != others[piece][a : b - 1]).any()
+        ]
+        if not held:
+            continue
+        a, b = max(held, key=lambda run: run[1] - run[0])
+        more = f" (the longest of {len(held)} such stretches)" if len(held) > 1 else ""
+        yield DataFinding(
+            "held_output",
+            f"Output {j} ({signal}) shows {y[a, j]:.6g} to the last digit in samples {a} to {b - 1}{more}, "
+            "while the record goes on: the sensor or the recorder is stuck there. Mark them NaN.",
+            {"output": j, "value": float(y[a, j]), "stretches": [(int(a), int(b)) for a, b in held]},
+        )
+
+
 def _opening_rest(column, level) -> int:
     """Return how many samples a session stands at a level before it first moves."""
     moved = np.flatnonzero(column != level)
     return int(moved[0]) if moved.size else column.size
-
-
-def true_runs(flags: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield (start, stop) of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return zip(edges[::2], edges[1::2], strict=True)
 
 
 def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:

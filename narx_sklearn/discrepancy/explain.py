@@ -214,7 +214,8 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     """Return the candidates, those in reach of the best from other values of their last effect too."""
 
     def settled(candidate: Candidate) -> Candidate:
-        if not (_in_reach(candidate, found[0], base) and candidate.effects[-1].effect.valleys):
+        last = candidate.effects[-1].effect
+        if not (_in_reach(candidate, found[0], base) and (last.valleys or last.instants)):
             return candidate
         return Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
 

@@ -163,9 +163,9 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
 
 
 def _has(placed: PlacedEffect) -> np.ndarray:
-    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms."""
-    dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
-    return ~dropped if placed.effect.code in UNNAMED else np.ones(placed.n_theta, dtype=bool)
+    """Tell which parameters a law has: none that this record holds at zero, as of terms that were dropped."""
+    held = (np.ptp(placed.bounds, axis=1) == 0) & (np.ptp(placed.domain, axis=1) > 0)
+    return ~(held & (np.array(placed.theta) == 0))
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

@@ -382,7 +382,7 @@ class _Material:
             argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
-        return Setting(argument, rate, own, second, self.time, dt, self.first, residual)
+        return Setting(argument, rate, own, second, self.time, dt, self.first, residual, self.order * dt)
 
 
 def _time(problem: Problem) -> np.ndarray:

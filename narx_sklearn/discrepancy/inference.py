@@ -46,14 +46,45 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
 def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     """Return confidence intervals of the global parameters, (n_q, 2), as far as their bounds allow.
 
-    Of what the record does not show, the interval is all that it may be.
+    Of what the record does not show, the interval is all that it may be. When something happened once is told
+    by what the record leaves with it earlier or later, in steps of half a sample.
     """
     q = fit.model.q
     error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
     silent = (q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
     width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
-    return np.clip(np.column_stack([q - width, q + width]), domain[:, :1], domain[:, 1:])
+    rows = np.column_stack([q - width, q + width])
+    for effect, own in zip(fit.model.effects, fit.model.theirs, strict=True):
+        for index in effect.effect.instants:
+            rows[own.start + index] = _earliest_and_latest(problem, fit, own.start + index, level)
+    return np.clip(rows, domain[:, :1], domain[:, 1:])
+
+
+def _earliest_and_latest(problem: Problem, fit: Fit, index: int, level: float) -> tuple[float, float]:
+    """Return between which times something may have happened, all else as it is."""
+    step = 0.5 * problem.simulator.dt
+    lower, upper = np.concatenate([problem.simulator.bounds, *(e.bounds for e in fit.model.effects)])[index]
+    most = fit.cost + chi2.ppf(level, 1) * fit.cost / problem.n_seen
+
+    def fits(n_steps: int) -> bool:
+        q = fit.model.q
+        q[index] += n_steps * step
+        return (
+            lower <= q[index] <= upper
+            and np.sum(problem.residual(problem.run(fit.model.with_q(q))) ** 2) <= most
+        )
+
+    ends = []
+    for way in (-1, 1):
+        n, within = 1, 0
+        while n < problem.rows.size and fits(way * n):  # twice as far each time
+            n, within = 2 * n, n
+        while n - within > 1:
+            middle = (n + within) // 2
+            n, within = (n, middle) if fits(way * middle) else (middle, within)
+        ends.append(fit.model.q[index] + way * within * step)
+    return ends[0], ends[1]
 
 
 def untold(fit: Fit) -> np.ndarray:

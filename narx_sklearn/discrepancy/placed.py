@@ -97,6 +97,11 @@ class PlacedEffect:
         """Return it acting at all times."""
         return replace(self, during=ALWAYS)
 
+    def begun_anew(self) -> "PlacedEffect":
+        """Return it as it begins another record: memories in the middle, what follows a command there."""
+        begin = self.effect.begin
+        return self if begin is None else self.at([*self.theta[:begin], 0.0, *self.theta[begin + 1 :]])
+
     def acts_at(self, time: np.ndarray) -> np.ndarray:
         """Tell, for times since a session began, s, whether it acts."""
         return within(self.during, time)
@@ -176,6 +181,16 @@ class PlacedEffect:
 def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
     """Tell which times lie in a span, its beginning included, its end not."""
     return (during[0] <= time) & (time < during[1])
+
+
+def for_other_records(effects: Iterable[PlacedEffect]) -> tuple[PlacedEffect, ...]:
+    """Return effects as they act in other records: what happened once does not, and memories begin anew."""
+    return tuple(placed.begun_anew() for placed in that_recur(effects))
+
+
+def that_recur(effects: Iterable[PlacedEffect]) -> tuple[PlacedEffect, ...]:
+    """Return the effects but those that happened once."""
+    return tuple(placed for placed in effects if not placed.effect.instants)
 
 
 def in_turn(effects: Sequence[PlacedEffect]) -> list[int]:

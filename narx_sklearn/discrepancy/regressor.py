@@ -25,7 +25,7 @@ from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.location import locate, with_invariances
-from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.placed import Port, for_other_records
 from narx_sklearn.discrepancy.record import (
     Split,
     check_length,
@@ -130,7 +130,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     parameters_ : DataFrame
         The simulator's parameters: nominal, refitted, augmented, with intervals and units.
     simulator_ : Simulator
-        The corrected simulation, a simulator like any other.
+        The corrected simulation, a simulator like any other. It is for other records too: where within its
+        play an effect stood when this record began, or how far a drive was behind its first command, is the
+        finding's, and begins in the middle, or at the command; a sensor that stuck once does not stick again.
     refitted_simulator_ : Simulator
         The simulation with refitted parameters, nothing added.
     location_ : Location
@@ -530,7 +532,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         simulator = problem.simulator
         self.refitted_simulator_ = simulator.with_parameters(diagnosis.refitted.model.p)
         corrected = simulator.with_parameters(fit.model.p).with_effects(fit.model.effects)
-        self.simulator_ = simulator if diagnosis.verdict == "consistent" else corrected
+        self._corrected = simulator if diagnosis.verdict == "consistent" else corrected
         self._n_init = int(max(8 * (len(simulator.states) + 1), min(problem.windows.length // 2, 200)))
         self._guess = fit.model.x0[self._nearest]
         self._lead = Lead(problem.windows, fit.model.x0)
@@ -571,13 +573,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 return
             # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
             # drifts, or acted when the fit ended: nobody can foresee its course, or when it ends
-            self.simulator_ = self.refitted_simulator_
+            self._corrected = self.refitted_simulator_
             if self.findings_[0].effect != DRIFT and not best.given:
                 self.verdict_ = "unknown"
         elif self._left_there > STANDS_IN:
             self.verdict_ = "unknown"
         if self.verdict_ == "unknown":
             self.location_ = with_invariances(self.location_, diagnosis)
+        self.simulator_ = self._corrected.with_effects(for_other_records(self._corrected.effects))
         self._extrapolation = self._extrapolate()
         self.extrapolation_ = self._extrapolation.scores
         self.report_ = report_text(self)
@@ -586,7 +589,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         n_init, reach = self._n_init, self._diagnosis.followed_for
         long_enough = _longer_than(2 * n_init, held_out)
         if not long_enough:
-            n_init = 4 * (len(self.simulator_.states) + 1)
+            n_init = 4 * (len(self._corrected.states) + 1)
             long_enough = _longer_than(2 * n_init, held_out)
         long_enough = within_reach(long_enough, n_init, reach)
         rows = [(piece.start, piece.start + n_init, piece.stop) for piece, _ in long_enough]
@@ -607,27 +610,27 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
         Nobody can foresee their course, which says nothing of what was found beside them.
         """
-        whole, scores, held_pieces = self.simulator_, self.scores_, self.held_out_
+        whole, scores, held_pieces = self._corrected, self.scores_, self.held_out_
         foreseen = tuple(effect for effect in whole.effects if not is_drift(effect))
         if not foreseen or len(foreseen) == len(whole.effects):
             return False
-        self.simulator_ = whole.with_effects(foreseen)
+        self._corrected = whole.with_effects(foreseen)
         self.scores_ = self._verify(u, y, held_out)
         if not self._harms(self._on_held_out(held_out)):
             return True
-        self.simulator_, self.scores_, self.held_out_ = whole, scores, held_pieces
+        self._corrected, self.scores_, self.held_out_ = whole, scores, held_pieces
         return False
 
     def _extrapolate(self) -> Extrapolation:
         """Return how the corrected simulation does where the machine moves farther than it was fitted."""
         diagnosis = self._diagnosis
-        corrected = (diagnosis.best.fit if self.simulator_.effects else diagnosis.refitted).model
+        corrected = (diagnosis.best.fit if self._corrected.effects else diagnosis.refitted).model
         return extrapolate(diagnosis, corrected, self.level, self.random_state, self.n_jobs)
 
     def _on_held_out(self, held_out) -> HeldOut:
         found = self._diagnosis
         guesses = (found.refitted.model.x0[self._nearest], self._guess)
-        simulators = (self.refitted_simulator_, self.simulator_)
+        simulators = (self.refitted_simulator_, self._corrected)
         return on_held_out(found.problem, *simulators, held_out, guesses, self._lead)
 
     def _harms(self, held: HeldOut) -> bool:

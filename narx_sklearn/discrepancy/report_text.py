@@ -154,7 +154,7 @@ def what_it_is_like(dx) -> str:
 
 def what_adds_up(dx) -> str:
     """Return how much more a whole held-out run leaves than the windows of the fit; empty where not much."""
-    if dx.scores_.empty or not dx.simulator_.effects:
+    if dx.scores_.empty or not dx._corrected.effects:
         return ""
     problem = dx._diagnosis.problem
     left = problem.left_over(dx._diagnosis.best.fit.model)
@@ -177,7 +177,7 @@ def what_adds_up(dx) -> str:
 
 def what_is_not_confirmed(dx) -> str:
     """Return that held-out samples do not tell of what was found; empty where they do."""
-    if not (dx._not_confirmed and dx.simulator_.effects):
+    if not (dx._not_confirmed and dx._corrected.effects):
         return ""
     return (
         "What was found changes next to nothing of the held-out samples, which neither confirm nor refute it."
@@ -244,7 +244,7 @@ def _scores(dx) -> list[str]:
 
 def what_is_left_out(dx) -> str:
     """Return what the corrected simulation leaves out of what was found; empty where it has all of it."""
-    n_used, n_found = len(dx.simulator_.effects), len(dx._diagnosis.best.effects)
+    n_used, n_found = len(dx._corrected.effects), len(dx._diagnosis.best.effects)
     if dx.verdict_ in NOTHING_MISSING or n_used == n_found:
         return ""
     if n_used:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.checks import DataFinding, true_runs
+from narx_sklearn._validation import true_runs
+from narx_sklearn.discrepancy.checks import DataFinding
 from narx_sklearn.discrepancy.simulator import Signal
 
 ALONE = 2  # samples of one spike, at most

@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 
 OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
+FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 FITTED = 3  # values from which a fit goes on
 ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
 
@@ -22,9 +23,10 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     """
     for octaves in OCTAVES:
         before = found
-        last = before.model.effects[-1]
+        last, dt = before.model.effects[-1], problem.simulator.dt
         others = directions(before.jacobian[:, :, : before.model.q.size - last.n_theta])
-        models = [_with_last(before.model, last.at(theta)) for theta in spread_round(last, octaves)]
+        tried = moved_in_time(last, dt) if last.effect.instants else spread_round(last, octaves)
+        models = [_with_last(before.model, last.at(theta)) for theta in tried]
         left = np.array([_left_by(problem, before, others, model) for model in models])
         for i in np.argsort(left, kind="stable")[:FITTED]:
             if np.isfinite(left[i]):
@@ -49,6 +51,21 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
         ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
     )
     return np.clip(moved, lower, upper)
+
+
+def moved_in_time(placed: PlacedEffect, dt: float) -> np.ndarray:
+    """Return values with the beginning, or the end, of what happened once some samples earlier or later.
+
+    None where the record itself tells both.
+    """
+    begin, duration = placed.effect.instants or (0, 0)
+    steps = dt * np.delete(np.arange(-FARTHEST, FARTHEST + 1), FARTHEST)
+    moved = np.tile(placed.theta, (2 * steps.size, 1))
+    moved[: steps.size, begin] += steps
+    moved[: steps.size, duration] -= steps
+    moved[steps.size :, duration] += steps
+    lower, upper = placed.bounds.T
+    return moved[((lower <= moved) & (moved <= upper)).all(axis=1) & (moved[:, duration] > 0)]
 
 
 def _settled(problem: Problem, model: Model) -> Fit:

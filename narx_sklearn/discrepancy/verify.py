@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import that_recur
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
 from narx_sklearn.discrepancy.simulator import Simulator, Windows
@@ -20,11 +21,14 @@ BELIED = 2.33  # standard errors, that what is right may be off by in one of a h
 
 
 def compared(dx) -> dict[str, Simulator]:
-    """Return the simulators that a fitted DiscrepancyRegressor compares, by the names of its scores."""
+    """Return the simulators that a fitted DiscrepancyRegressor compares, by the names of its scores.
+
+    What happened once is left out: it was no sample held out.
+    """
     return {
         "nominal": dx._diagnosis.problem.simulator,
         "refitted": dx.refitted_simulator_,
-        "augmented": dx.simulator_,
+        "augmented": dx._corrected.with_effects(that_recur(dx._corrected.effects)),
     }
 
 

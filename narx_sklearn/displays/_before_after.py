@@ -99,7 +99,7 @@ class BeforeAfterDisplay:
                 f"{type(estimator).__name__} holds no refitted simulation; pass a fitted "
                 "DiscrepancyRegressor, or use BeforeAfterDisplay.from_predictions(y_true, runs)."
             )
-        simulators = compared(estimator)
+        simulators = compared(estimator) | {"augmented": estimator.simulator_}
         u = read_inputs(X, estimator.simulator_)
         measured = read_outputs(y, estimator.simulator_)
         check_same_length(X=u, y=measured, sessions=sessions)

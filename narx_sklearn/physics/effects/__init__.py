@@ -16,6 +16,7 @@ from narx_sklearn.physics.effects._registry import (
     restore_effect,
     unregister_effect,
 )
+from narx_sklearn.physics.effects._series import held_runs
 
 __all__ = [
     "BUILT_IN",
@@ -25,6 +26,7 @@ __all__ = [
     "EffectParameter",
     "Power",
     "Setting",
+    "held_runs",
     "list_effects",
     "no_start",
     "register_effect",

@@ -55,6 +55,7 @@ class Setting(NamedTuple):
     first: np.ndarray  # indices at which a session or a gap's other side begins
     # measured less simulated output, where the caller has it: frequencies show in it
     residual: np.ndarray | None = None
+    elapsed: np.ndarray | None = None  # seconds since the record of all sessions began
 
 
 def at_least(n_parameters: int, index: int, least: float) -> np.ndarray:
@@ -127,8 +128,9 @@ class Effect:
     form : int or None
         Index of the parameter that leads from one way to build the same thing to another (a filter of parts,
         or of code): it makes an effect no less simple.
-    n_instants : int
-        How many parameters are times at which something happened once: each is chosen among all samples.
+    instants : tuple of int
+        Indices of the two parameters that tell when something that happened once began, and how long it took:
+        each is chosen among all samples.
     n_memory : int
         States of its own.
     jumps : bool
@@ -218,7 +220,7 @@ class Effect:
     levels: tuple[int, ...] = ()
     begin: int | None = None
     form: int | None = None
-    n_instants: int = 0
+    instants: tuple[int, int] | tuple[()] = ()
     n_memory: int = 0
     jumps: bool = False
     after: bool = False

@@ -7,9 +7,11 @@ from scipy.stats import median_abs_deviation
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._series import SHORTEST_HOLD, held_runs
 from narx_sklearn.physics.effects._starts import grid, spread, telling
 
-SHORTEST_HOLD = 4  # samples that a sensor is stuck
+FARTHEST = 4.0  # noise deviations that a reading which is held may be off
+HALF = 0.5  # of a sample, so that which samples are held does not depend on rounding
 SPIKE = 2  # samples that may all be one
 LASTING = 0.2  # of what a hold explains, that others must, where they are not many times the noise
 SETTLED = 5  # rounds in which both ends of a stretch are settled, at most
@@ -98,28 +100,65 @@ def _step_of(values: np.ndarray) -> list[float]:
 
 
 def _stuck_transform(signal, second, dt, theta, first):
-    """Hold the value at t0, interpolated between samples so that it varies smoothly with t0."""
+    """Hold the value at the sample of t0, and what the reading was off there."""
     time = np.arange(signal.size) * dt
-    good = np.isfinite(signal)
-    if not good.any():
+    begin = theta[0] - HALF * dt
+    held = np.isfinite(signal) & (time >= begin) & (time < begin + theta[1])
+    if not held.any():
         return np.array(signal, dtype=float)
-    held = np.interp(theta[0], time[good], signal[good])
-    return np.where(good & (time >= theta[0]) & (time < theta[0] + theta[1]), held, signal)
+    return np.where(held, signal[np.argmax(held)] + theta[2], signal)
 
 
 def _stuck_starts(setting: Setting) -> np.ndarray:
     if spread(setting.argument) == 0:
-        return np.empty((0, 2))
+        return np.empty((0, 3))
     length = setting.argument.size * setting.dt
-    return telling(setting, grid(np.array([0.2, 0.45, 0.7]) * length, [0.1 * length]), _stuck_transform)
+    shares = np.array([0.2, 0.45, 0.7])
+    return telling(setting, grid(shares * length, [0.1 * length], [0.0]), _stuck_transform)
+
+
+def _stuck_limits(setting: Setting) -> np.ndarray:
+    """Take the time from a reading that repeats to the last digit, and let it hold its noise too.
+
+    One that has noise still is the signal.
+    """
+    limits = np.tile([0.0, np.inf], (3, 1))
+    limits[2] = 0.0
+    repeated = _repeated(setting)
+    if repeated is not None and setting.residual is not None:
+        most = FARTHEST * float(median_abs_deviation(setting.residual, scale="normal"))
+        reach = np.array([0.0, 0.0, most])
+        limits = np.column_stack([repeated - reach, repeated + reach])
+    return limits
+
+
+def _repeated(setting: Setting) -> np.ndarray | None:
+    """Return the parameters that the longest stretch of repeated values tells; None without one."""
+    measured = _measured(setting)
+    runs = held_runs(measured) if measured.size else []
+    if not runs:
+        return None
+    start, stop = max(runs, key=lambda run: run[1] - run[0])
+    return _row(setting, start, stop, measured[start] - setting.argument[start])
+
+
+def _row(setting: Setting, start: int, stop: int, off: float) -> np.ndarray:
+    began = setting.time if setting.elapsed is None else setting.elapsed
+    return np.array([began[start], (stop - start) * setting.dt, off])
 
 
 def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int]:
-    """Hold the simulated value from every sample on, for lengths that grow by a third; settle both ends."""
+    """Hold the simulated value from every sample on, for lengths that grow by a third; settle both ends.
+
+    Where measured values repeat to the last digit, those are the ends.
+    """
     simulated, measured = setting.argument, setting.argument + residual
     n = measured.size
     if n < 4 * SHORTEST_HOLD or not np.all(np.isfinite(measured)):
-        return np.empty((0, 2)), 0
+        return np.empty((0, 3)), 0
+    repeated = _repeated(setting)
+    if repeated is not None:
+        return repeated[None, :], 1
     level = measured.mean()  # about it, so that the squares do not cancel
     missed, first, second = (
         np.cumsum(np.append(0.0, values))
@@ -152,8 +191,8 @@ def _stuck_scan(setting: Setting, residual: np.ndarray) -> tuple[np.ndarray, int
             missed_there = measured[start:stop] - simulated[start]
             if not _lasts(residual[start:stop] ** 2 - missed_there**2, 2.0 * np.log(n) * noise**2):
                 continue
-            rows.append((float(setting.time[start]), (stop - start - 0.5) * setting.dt))
-    return telling(setting, np.array(rows).reshape(-1, 2), _stuck_transform), tried
+            rows.append(_row(setting, start, stop, 0.0))
+    return np.array(rows).reshape(-1, 3), tried
 
 
 def _lasts(gain: np.ndarray, by_chance: float) -> bool:
@@ -206,9 +245,14 @@ SENSOR = (
         code="stuck_sensor",
         title="Stuck sensor",
         sentence="For a while the sensor shows the same value.",
-        equation="s(t0) for t0 <= t < t0 + D, with t from the beginning of the record",
-        parameters=(EffectParameter("t0", "s", 0.0), EffectParameter("D", "s", 0.0)),
-        n_instants=2,
+        equation="s(t0) + o for t0 <= t < t0 + D, with t from the beginning of the record",
+        parameters=(
+            EffectParameter("t0", "s", 0.0),
+            EffectParameter("D", "s", 0.0),
+            EffectParameter("o", "{port}"),
+        ),
+        limits=_stuck_limits,
+        instants=(0, 1),
         starts=_stuck_starts,
         transform=_stuck_transform,
         input_port=False,

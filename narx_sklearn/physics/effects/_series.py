@@ -5,6 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from narx_sklearn._validation import true_runs
+
+SHORTEST_HOLD = 4  # samples that a sensor is stuck
+FEW_HOLDS = 3  # in a record: a signal that stands more often is coarse, or rests
+REPEATS = 0.02  # of the other samples, that may repeat the one before where repeats tell of a hold
+ROUNDING = 1e-14  # of the largest value, up to which two values that were reckoned with are the same
+
 
 def by_pieces(run: Callable, signal: np.ndarray, first: np.ndarray, *arguments) -> np.ndarray:
     """Apply ``run(values, *arguments) -> values`` to each piece of the signal that begins anew.
@@ -31,3 +38,18 @@ def time_since(first: np.ndarray, n_samples: int, dt: float) -> np.ndarray:
     first = np.asarray(first, dtype=np.int64)
     began[first[first < n_samples]] = first[first < n_samples]
     return (index - np.maximum.accumulate(began)) * dt
+
+
+def held_runs(values: np.ndarray) -> list[tuple[int, int]]:
+    """Return where a signal that otherwise changes from sample to sample shows the same value, [begin, end).
+
+    Not where that is its largest or smallest value: there a sensor's range may end.
+    """
+    rounding = ROUNDING * np.nanmax(np.abs(values), initial=0.0)
+    same = np.append(False, np.abs(np.diff(values)) <= rounding)
+    runs = [(a - 1, b) for a, b in true_runs(same) if b - a + 1 >= SHORTEST_HOLD]
+    held = sum(sorted(b - a - 1 for a, b in runs)[-FEW_HOLDS:])
+    if not runs or same.sum() - held > REPEATS * (values.size - held):
+        return []
+    low, high = np.nanmin(values) + rounding, np.nanmax(values) - rounding
+    return [(a, b) for a, b in runs if low < values[a] < high]
