@@ -55,13 +55,14 @@ def test_a_sensor_that_was_stuck_is_told_to_the_sample_and_works_in_another_reco
     rng = np.random.default_rng(1)
     y = simulator().simulate(u)[:, 0]
     y += 0.005 * y.std() * rng.normal(size=y.size)
-    y[500:560] = y[500]
-    dx = DiscrepancyRegressor(simulator(), effects=["stuck_sensor", "sensor_clip", "sensor_bias"]).fit(u, y)
+    y[900:960] = y[900]  # in the second session, behind what is held out of the first
+    effects = ["stuck_sensor", "sensor_clip", "sensor_bias"]
+    dx = DiscrepancyRegressor(simulator(), effects=effects).fit(u, y, sessions=np.arange(1600) >= 600)
     (found,) = dx.findings_
     assert found.effect == "stuck_sensor"
-    assert found.parameters["t0"] == pytest.approx(50.0)
+    assert found.parameters["t0"] == pytest.approx(90.0)
     assert found.parameters["D"] == pytest.approx(6.0)
     assert [mistake.code for mistake in dx.data_findings_] == ["held_output"]
     assert dx.simulator_.effects == ()
-    assert np.ptp(dx.predict(u)[500:560]) > 0
+    assert np.ptp(dx.predict(u)[900:960]) > 0
     assert "corrected simulation leaves it out" not in dx.report_

@@ -443,6 +443,9 @@ def _applied(
         other = placed.second_of(signals if driven is None else driven)
         # an effect has acted since the session began, also where no window is and its memory waits
         keep, age, begin = _since_the_sessions_began(windows)
+        if placed.effect.instants:  # its time is that of the whole record
+            keep = age = np.arange(len(column))
+            begin = np.unique(windows.began)
         inside = column[keep]
         acts = placed.acts_at(age * dt)
         theta = np.array(placed.theta)
