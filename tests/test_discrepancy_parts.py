@@ -181,6 +181,14 @@ class TestFit:
         assert found.cost <= before
         assert found.model.effects[0].theta[0] >= 0.0  # nothing rubs here, and friction cannot push
 
+    def test_a_knee_between_two_samples_does_not_lead_all_else_astray(self):
+        """Its width has a slope of rounding there, by which a step would make a straight line of the clip."""
+        clip = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0), theta=(-3.0, 2.4, 0.0))
+        problem, model = make_problem(seed=4, true=make_stage(1.1, 0.7, 11.0).with_effects([clip]))
+        found = fit(problem, model._replace(effects=(clip,)))
+        assert found.cost == pytest.approx(problem.n_seen, rel=0.1)
+        np.testing.assert_allclose(found.model.effects[0].theta[:2], [-3.0, 2.4], rtol=0.02)
+
     @pytest.mark.parametrize(("code", "kind"), [("input_saturation", "input"), ("sensor_clip", "output")])
     def test_levels_come_in_rising_order_whichever_way_they_were_given(self, code, kind):
         last = (0.1,) if code == "input_saturation" else ()

@@ -14,6 +14,8 @@ ITERATIONS = 25  # at most, where nobody says how many
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
 LUCK = 4.0  # noise variances that a window gains by chance, of several states that a coarse sensor rounds
+ROUNDING = 1e-13  # of a run's size
+HARDLY_FELT = 1e-3  # noise deviations by which the runs change with all of a parameter
 SILENT = 1e-9  # squared share of a response that the initial states do not explain: rounding, no response
 POINTS = 3  # of a run, at which equations are asked which states they notice
 NOTICED = 1e-6  # of the largest slope, beyond the rounding of difference quotients
@@ -140,6 +142,7 @@ class _Frame(NamedTuple):
     free: np.ndarray  # (n_q,) bool: may move
     scale: np.ndarray  # (n_q,) sizes that difference steps are shares of, where a parameter is zero
     least_felt: np.ndarray  # (n_q,) per unit of a parameter, in noise deviations
+    rounding: float  # of a whole run, in noise deviations: no response is less
     luck: float  # noise variances that a window must gain for its states to move on their own
     tolerance: float
 
@@ -155,7 +158,10 @@ class _Frame(NamedTuple):
         # through a coarse sensor each window could choose among states that differ in rounding alone
         luck = LUCK if any(effect.port.kind == "output" for effect in model.effects) else 0.0
         free = np.ones(q.size, dtype=bool) if free is None else free
-        return cls(problem, bounds, free, np.where(q != 0, np.abs(q), 1.0), least_felt, luck, tolerance)
+        # a knee between two samples leaves a slope of rounding, and a step by it would go anywhere
+        rounding = ROUNDING * float(np.linalg.norm(_finite(problem.whiten(problem.y))))
+        scale = np.where(q != 0, np.abs(q), 1.0)
+        return cls(problem, bounds, free, scale, least_felt, rounding, luck, tolerance)
 
 
 def _tangents(frame: _Frame, now: Attempt, x_steps: np.ndarray, n_jobs: int | None) -> Tangents:
@@ -163,6 +169,7 @@ def _tangents(frame: _Frame, now: Attempt, x_steps: np.ndarray, n_jobs: int | No
     problem, steps = frame.problem, difference_steps(now.model, frame.bounds, frame.scale)
     projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
     J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
+    J[:, :, np.linalg.norm(J.reshape(-1, steps.size) * steps, axis=0) <= frame.rounding] = 0.0
     return Tangents(steps, projector, J, _heard(J, projector(J)))
 
 
@@ -189,8 +196,9 @@ def _descended(
     own = np.flatnonzero(movable[: now.model.p.size])
     unfelt = _unfelt(hessian[np.ix_(own, own)])
     for attempt in range(2 * GIVE_UP):
-        if attempt == GIVE_UP:
+        if attempt == GIVE_UP:  # without those that had far to go to be felt at all
             damping = 1e-3
+            movable &= felt * frame.scale >= HARDLY_FELT
         move = _damped_step(hessian, gradient, movable, felt, damping)
         move[own] -= unfelt @ move[own]
         promised = now.cost - float(np.sum(r * r)) + move @ (2.0 * gradient - hessian @ move)
