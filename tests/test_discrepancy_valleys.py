@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
 from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.valleys import moved_in_time, other_valleys, spread_round
+from narx_sklearn.discrepancy.valleys import levels_in_sight, moved_in_time, other_valleys, spread_round
 from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -126,3 +126,22 @@ class TestWhatHappenedOnce:
         told = replace(held, limits=((80.0, 80.0), (6.0, 6.0), (-0.1, 0.1)))
         assert len(moved_in_time(told, 0.1)) == 0
         assert len(moved_in_time(held, 0.1)) == 32
+
+
+class TestLevels:
+    LIMIT = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0), theta=(-2.0, 2.5, 0.0))
+
+    def test_a_level_out_of_sight_is_tried_within_the_signal(self):
+        problem, model = problem_of(self.LIMIT, 0.02)
+        astray = fit(problem, model._replace(effects=(self.LIMIT.at([-40.0, 2.3, 0.0]),)))
+        assert astray.model.effects[0].theta[0] < problem.u.min()
+        found = other_valleys(problem, astray)
+        assert found.cost < 0.5 * astray.cost
+        assert found.model.effects[0].theta == pytest.approx(self.LIMIT.theta, abs=0.05)
+
+    def test_levels_in_sight_stay(self):
+        signal = np.linspace(-3.0, 3.0, 101)
+        assert len(levels_in_sight(self.LIMIT, signal)) == 0
+        tried = levels_in_sight(self.LIMIT.at([-2.0, 9.0, 0.0]), signal)
+        assert np.all(tried[:, 0] == -2.0)
+        assert np.all((tried[:, 1] > 1.0) & (tried[:, 1] < 3.0))

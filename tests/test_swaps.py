@@ -4,13 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_machines import make_axis
+from small_machines import make_axis, make_oscillator
 
+from narx_sklearn import DiscrepancyRegressor
 from narx_sklearn.discrepancy import coloured_search
 from narx_sklearn.discrepancy.bank import make_bank, moved_for
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.explain import Step
+from narx_sklearn.discrepancy.explain import Step, reordered
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -172,3 +173,43 @@ def test_what_a_law_becomes_at_an_edge_is_fitted_from_there(problem):
     assert codes([beside]) == [["constant_load", "coulomb_friction"]]
     assert special_cases(problem, stribeck, [hypothesis(COULOMB, asked=False)]) == []
     assert special_cases(problem, fitted(problem, COULOMB), RIVALS) == []
+
+
+def at_drive(code, *theta):
+    return PlacedEffect(CATALOGUE[code], Port("input", 0), theta=theta)
+
+
+LIMIT, SLOW = at_drive("input_saturation", -2.0, 1.6, 0.0), at_drive("lag", 0.1, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module", params=[(LIMIT, SLOW), (SLOW, LIMIT)], ids=["limit first", "lag first"])
+def acting(request):
+    """Return two effects on one input in the order in which they act, and a recording."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.normal(0.0, 3.0, 100), 15)[:, None]
+    y = make_oscillator().with_effects(request.param).simulate(u)
+    y += 0.01 * y.std() * rng.normal(size=y.shape)
+    windows = cut([(slice(0, 1500), 0)], 500, 12)
+    return request.param, Problem(
+        make_oscillator(gain=3.6, damping=1.2), u, y, windows, Noise.white(0.01 * y.std(axis=0))
+    )
+
+
+class TestTheOtherOrder:
+    def test_two_effects_on_one_input_get_the_order_in_which_they_act(self, acting):
+        effects, problem = acting
+        wrong, alone = fitted(problem, *effects[::-1]), fitted(problem, effects[0])
+        (found,) = reordered(problem, [wrong, alone])
+        assert codes([found]) == [[effect.effect.code for effect in effects]]
+        assert found.fit.cost < 0.8 * wrong.fit.cost
+        assert found.fit.cost == pytest.approx(problem.n_seen, rel=0.1)
+
+    def test_what_adds_up_has_no_order(self, problem):
+        assert not reordered(problem, [fitted(problem, LOAD, COULOMB)])
+
+    def test_a_diagnosis_tells_the_order(self, acting):
+        effects, problem = acting
+        some = ["input_saturation", "lag", "input_polynomial", "cubic_stiffness"]
+        dx = DiscrepancyRegressor(problem.simulator, effects=some).fit(problem.u, problem.y)
+        assert [e.effect.code for e in dx.simulator_.effects] == [e.effect.code for e in effects]
+        assert dx.verdict_ in ("explained", "ambiguous")

@@ -7,7 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.coloured_search import Searched, converged
 from narx_sklearn.discrepancy.confirm import more_than_drift
-from narx_sklearn.discrepancy.explain import without_idle
+from narx_sklearn.discrepancy.explain import reordered, without_idle
 from narx_sklearn.discrepancy.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.lookalikes import REFINES, declared_rival, is_one_law, likeliest
 from narx_sklearn.discrepancy.placed import PlacedEffect
@@ -46,7 +46,7 @@ def _likeliest_set(
         others = exchanges(problem, likeliest(sets, unexplained), pool) if sets else []
         if best.places not in swapped:
             swapped.append(best.places)
-            others += special_cases(problem, best, hypotheses)
+            others += special_cases(problem, best, hypotheses) + reordered(problem, [best])
             others += swaps(problem, best, [*pool, *others], hypotheses, n_jobs)
         if not others:
             break

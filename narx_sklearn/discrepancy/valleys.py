@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.refit import Fit, fit
 
 OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
+IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
 FITTED = 3  # values from which a fit goes on
 ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
 
@@ -23,15 +24,32 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     """
     for octaves in OCTAVES:
         before = found
-        last, dt = before.model.effects[-1], problem.simulator.dt
+        last = before.model.effects[-1]
         others = directions(before.jacobian[:, :, : before.model.q.size - last.n_theta])
-        tried = moved_in_time(last, dt) if last.effect.instants else spread_round(last, octaves)
+        tried = _tried_round(problem, last, octaves)
         models = [_with_last(before.model, last.at(theta)) for theta in tried]
         left = np.array([_left_by(problem, before, others, model) for model in models])
         for i in np.argsort(left, kind="stable")[:FITTED]:
             if np.isfinite(left[i]):
                 found = min(found, _settled(problem, models[i]), key=lambda f: f.cost)
     return found
+
+
+def may_lie_elsewhere(placed: PlacedEffect) -> bool:
+    """Tell whether other values of an effect are worth a try, since its cost has no slope towards them."""
+    return bool(placed.effect.valleys or placed.effect.instants or _limits_an_input(placed))
+
+
+def _limits_an_input(placed: PlacedEffect) -> bool:
+    return bool(placed.effect.levels) and placed.port.kind == "input"
+
+
+def _tried_round(problem: Problem, placed: PlacedEffect, octaves: float) -> np.ndarray:
+    if placed.effect.instants:
+        return moved_in_time(placed, problem.simulator.dt)
+    if _limits_an_input(placed):
+        return levels_in_sight(placed, problem.u[problem.rows[problem.inside], placed.port.index])
+    return spread_round(placed, octaves)
 
 
 def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
@@ -51,6 +69,21 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
         ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
     )
     return np.clip(moved, lower, upper)
+
+
+def levels_in_sight(placed: PlacedEffect, signal: np.ndarray) -> np.ndarray:
+    """Return values with a level that lies beyond a signal within its range; none where none lies beyond.
+
+    What is never reached has no slope, by which a fit could find back.
+    """
+    low, high = placed.effect.levels
+    shares = np.array(IN_SIGHT)
+    tried = np.tile(placed.theta, (2 * shares.size, 1))
+    tried[: shares.size, low] = np.quantile(signal, shares)
+    tried[shares.size :, high] = np.quantile(signal, 1 - shares)
+    least, most = placed.theta[low] < signal.min(), placed.theta[high] > signal.max()
+    tried = tried[np.repeat([least, most], shares.size)]
+    return tried[tried[:, low] < tried[:, high]]
 
 
 def moved_in_time(placed: PlacedEffect, dt: float) -> np.ndarray:

@@ -46,6 +46,13 @@ def _saturation_starts(setting: Setting) -> np.ndarray:
     return telling(setting, np.vstack([rows, *beginning, gradual]), _saturation_transform)
 
 
+def _saturation_limits(setting: Setting) -> np.ndarray:
+    """Keep the knee no wider than twice the range, beyond which it bends nothing, and the levels in sight."""
+    lowest, highest = quantiles(setting.argument, [0.0, 1.0])
+    reach = 2 * (highest - lowest)
+    return np.array([[lowest - reach, highest], [lowest, highest + reach], [0.0, reach]])
+
+
 def _clip_transform(signal, second, dt, theta, first):
     return between(signal, theta[0], theta[1])
 
@@ -180,6 +187,7 @@ LIMITS = (
             EffectParameter("w", "{port}", 0.0),
         ),
         starts=_saturation_starts,
+        limits=_saturation_limits,
         transform=_saturation_transform,
         output_port=False,
         amplitude=None,
