@@ -135,6 +135,11 @@ def held_by_the_fifth(x, u, p):
     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 8.0 * x[0] ** 5
 
 
+def held_and_rubbing(x, u, p):
+    spring = p[2] * x[0] + 8.0 * x[0] ** 5
+    return x[1], p[0] * u[0] - p[1] * x[1] - spring - 2.5 * np.tanh(500.0 * x[1])
+
+
 @pytest.mark.parametrize(
     ("machine", "argument", "exponent"),
     [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
@@ -155,3 +160,16 @@ def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponen
         assert argument in finding.argument
     size = next(line for line in dx.report_.splitlines() if line.strip().startswith("size "))
     assert " to " not in size  # what is given has no interval
+
+
+def test_a_power_without_a_name_may_stand_beside_a_name():
+    u, y = recorded_oscillator(held_and_rubbing, noise=0.01, seed=0)
+    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
+    named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
+    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    assert dx.verdict_ == "unknown"
+    findings = {finding.effect: finding for finding in dx.findings_}
+    assert findings.keys() == {"unknown", "coulomb_friction"}
+    low, high = findings["unknown"].intervals["n"]
+    assert low < 5.0 < high
+    assert findings["coulomb_friction"].parameters["Fc"] == pytest.approx(2.5, rel=0.1)

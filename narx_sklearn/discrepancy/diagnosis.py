@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.judgement import Judgement, judge
 from narx_sklearn.discrepancy.lookalikes import is_a_change
+from narx_sklearn.discrepancy.naming import counted_from_zero
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -150,11 +151,12 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     if found is None:
         nothing = "refit" if p_moved <= settings.alpha else "consistent"
         found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
+    found = found._replace(best=counted_from_zero(problem, found.best))
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
     verdict, best, alternatives, unnamed, _, against_noise = found
     verdict = "unknown" if twin_misses_more else verdict
     if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
-        best, alternatives, against_noise = unnamed, ((),), ()
+        best, alternatives, against_noise = unnamed, ((),) * len(unnamed.effects), ()
     return Diagnosis(
         verdict=verdict,
         problem=problem,

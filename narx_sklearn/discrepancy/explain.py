@@ -218,7 +218,8 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     def settled(candidate: Candidate) -> Candidate:
         if not (_in_reach(candidate, found[0], base) and may_lie_elsewhere(candidate.effects[-1])):
             return candidate
-        return Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
+        other = Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
+        return min(candidate, other, key=lambda c: c.criterion)
 
     return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(settled)(c) for c in found)
 

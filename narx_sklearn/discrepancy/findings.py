@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.candidate import HARDLY, OUTSIDE, Candidate
 from narx_sklearn.discrepancy.coloured_search import pool_of
 from narx_sklearn.discrepancy.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.generic import UNNAMED
-from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy.inference import intervals, lost_together
 from narx_sklearn.discrepancy.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
@@ -63,6 +63,7 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
                 separate_by=placed.effect.separate_by,
                 during=placed.during if placed.passes else None,
                 untold=tuple(compress(names, untold)),
+                together=_together(diagnosis, i),
                 adds=sizes[i],
                 adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
                 evidence={
@@ -74,6 +75,14 @@ def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, like
             )
         )
     return found
+
+
+def _together(diagnosis: Diagnosis, i: int) -> tuple[str, ...]:
+    """Return which parameters of an effect are told only by what they do together."""
+    best = diagnosis.best
+    names = parameter_names(best.effects[i])
+    own = best.fit.model.theirs[i]
+    return tuple(names[k] for k in lost_together(diagnosis.problem, best.fit, own))
 
 
 def _sizes(diagnosis: Diagnosis) -> list[tuple[float, float] | None]:
@@ -163,9 +172,9 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
 
 
 def _has(placed: PlacedEffect) -> np.ndarray:
-    """Tell which parameters a law has: none that this record holds at zero, as of terms that were dropped."""
-    held = (np.ptp(placed.bounds, axis=1) == 0) & (np.ptp(placed.domain, axis=1) > 0)
-    return ~(held & (np.array(placed.theta) == 0))
+    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms."""
+    dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
+    return ~dropped if placed.effect.code in UNNAMED else np.ones(placed.n_theta, dtype=bool)
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

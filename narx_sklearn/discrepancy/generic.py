@@ -279,11 +279,9 @@ def without_terms(placed: PlacedEffect, dropped: Collection[int]) -> PlacedEffec
         placed = _without_input(placed)
     signals = "x, v and u" if placed.effect.code == DRIVEN else "x and v"
     equation = " + ".join(f"{name} {power}" for name, power in kept.items())
-    theta, limits = np.array(placed.theta), placed.bounds
-    gone = [j for j in dropped if j < len(TERMS[placed.effect.code])]
-    theta[gone], limits[gone] = 0.0, 0.0
     effect = replace(placed.effect, equation=f"{equation}, {signals} over their sizes")
-    return replace(placed, effect=effect, limits=tuple(map(tuple, limits.tolist()))).at(theta)
+    gone = [j for j in dropped if j < len(TERMS[placed.effect.code])]
+    return replace(placed, effect=effect).with_zeros(gone)
 
 
 def _without_input(placed: PlacedEffect) -> PlacedEffect:

@@ -9,10 +9,11 @@ from scipy.stats import chi2, norm
 from narx_sklearn.discrepancy.bank import Bank
 from narx_sklearn.discrepancy.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import ALIKE, SMALL, Fit
+from narx_sklearn.discrepancy.refit import ALIKE, SMALL, Fit, all_bounds
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 UNFELT = 1e-3  # noise deviations by which runs change with the ordinary size of what is zero, if it is told
+LARGE_PART = 0.3  # of a direction of unit length
 TAKES_PART = 0.01  # of the relative change of parameters along such a direction
 
 
@@ -54,6 +55,7 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     silent = (q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
     width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
+    width[np.ptp(all_bounds(problem, fit.model), axis=1) == 0] = 0.0  # held there
     rows = np.column_stack([q - width, q + width])
     for effect, own in zip(fit.model.effects, fit.model.theirs, strict=True):
         for index in effect.effect.instants:
@@ -64,7 +66,7 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
 def _earliest_and_latest(problem: Problem, fit: Fit, index: int, level: float) -> tuple[float, float]:
     """Return between which times something may have happened, all else as it is."""
     step = 0.5 * problem.simulator.dt
-    lower, upper = np.concatenate([problem.simulator.bounds, *(e.bounds for e in fit.model.effects)])[index]
+    lower, upper = all_bounds(problem, fit.model)[index]
     most = fit.cost + chi2.ppf(level, 1) * fit.cost / problem.n_seen
 
     def fits(n_steps: int) -> bool:
@@ -104,6 +106,24 @@ def untold(fit: Fit) -> np.ndarray:
     directions = np.zeros((silent.shape[1], size.size))
     directions[:, heard] = np.linalg.qr(silent)[0].T
     return directions
+
+
+def lost_together(problem: Problem, fit: Fit, own: slice) -> list[int]:
+    """Return which parameters of an effect may be off by more than themselves, as others make up for it.
+
+    Counted from the effect's first; none where all are told, or only one is not.
+    """
+    for group in told_together(untold(fit)):  # which the covariance leaves out
+        if group[0] >= own.start and group[-1] < own.stop:
+            return [index - own.start for index in group]
+    q = fit.model.q[own]
+    some = np.flatnonzero(q)
+    relative = covariance(problem, fit)[own, own][np.ix_(some, some)] / np.outer(q[some], q[some])
+    if some.size < 2 or not np.all(np.isfinite(relative)):
+        return []
+    values, vectors = np.linalg.eigh(relative)
+    part = np.flatnonzero(np.abs(vectors[:, -1]) > LARGE_PART)
+    return some[part].tolist() if values[-1] > 1.0 and part.size > 1 else []
 
 
 def _felt_alone(fit: Fit) -> np.ndarray:

@@ -74,6 +74,9 @@ def _judged(
     named = "ambiguous" if any(alternatives) else "explained"
     if may_be_drift(best, alternatives):  # its course is as it may be
         return Judgement(named, best, alternatives, unnamed)
+    if (other := with_another_power(problem, best, settings.alpha)) is not None:
+        nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
+        return Judgement("unknown", best, alternatives, nearest, True)
     signs = left_that_is_no_noise(problem, refitted, best, structure, settings)
     if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
         # the names took off less than they leave: they are not even near to it
@@ -82,8 +85,6 @@ def _judged(
         return Judgement("unknown", best, alternatives, unnamed, True, signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)
-    if (other := with_another_power(problem, best, settings.alpha)) is not None:
-        return Judgement("unknown", best, alternatives, other)
     return Judgement(named, best, alternatives, unnamed)
 
 

@@ -257,6 +257,8 @@ def look_alikes(
 
 def is_a_change(unnamed: Candidate, best: Candidate) -> bool:
     """Tell whether a change of the simulator's own parameters is as likely as names, with fewer values."""
+    if len(unnamed.effects) > 1:  # a law without a name beside one that has one
+        return False
     (change,) = unnamed.effects
     fewer = change.n_theta < sum(effect.n_theta for effect in best.effects)
     return change.effect.code == LINE and fewer and unnamed.criterion < best.criterion + HARDLY

@@ -1,6 +1,6 @@
 """Effects at their place: a port of a simulator, with arguments and parameter values."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -81,6 +81,13 @@ class PlacedEffect:
     def at(self, theta) -> "PlacedEffect":
         """Return it with other parameter values."""
         return replace(self, theta=tuple(float(value) for value in theta))
+
+    def with_zeros(self, indices: Collection[int]) -> "PlacedEffect":
+        """Return it with some parameters held at zero."""
+        theta, limits = np.array(self.theta), self.bounds
+        at = list(indices)
+        theta[at], limits[at] = 0.0, 0.0
+        return replace(self, limits=tuple(map(tuple, limits.tolist()))).at(theta)
 
     @property
     def place(self) -> tuple:

@@ -84,6 +84,8 @@ def _what(dx) -> list[str]:
             value_text = _quantity(value, finding.units[name])
             interval = f"   ({low:.4g} to {high:.4g})" if low < high else ""  # none of what is given
             lines.append(f"   {name} = {value_text}{interval}")
+        if finding.together:
+            lines.append(f"   Of {_listed(finding.together)} only what they do together is told.")
         if finding.size:
             lines.append(f"   {finding.size}")
         if finding.elsewhere:

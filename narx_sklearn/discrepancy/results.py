@@ -77,6 +77,9 @@ class Finding:
         a ``"pulse"``, or that outputs go ``"together"``.
     untold : tuple of str, default=()
         Names of its parameters of which these data tell nothing: any value that they may have is as likely.
+    together : tuple of str, default=()
+        Names of those of which these data tell only what they do together: of a slow drift its size and its
+        time constant, where its slope is all that shows.
     adds : tuple of (float, float), default=None
         The least and the most that it adds along the samples fitted; None where it has no form.
     adds_to : str, default=""
@@ -103,6 +106,7 @@ class Finding:
     during: tuple[float, float] | None = None
     evidence: dict | None = None
     untold: tuple[str, ...] = ()
+    together: tuple[str, ...] = ()
     adds: tuple[float, float] | None = None
     adds_to: str = ""
 

@@ -128,6 +128,9 @@ class Effect:
     form : int or None
         Index of the parameter that leads from one way to build the same thing to another (a filter of parts,
         or of code): it makes an effect no less simple.
+    references : tuple of int
+        Indices of the parameters from which an argument is counted. Often the simulator's own parameters can
+        do what another reference does; then it is zero.
     instants : tuple of int
         Indices of the two parameters that tell when something that happened once began, and how long it took:
         each is chosen among all samples.
@@ -220,6 +223,7 @@ class Effect:
     levels: tuple[int, ...] = ()
     begin: int | None = None
     form: int | None = None
+    references: tuple[int, ...] = ()
     instants: tuple[int, int] | tuple[()] = ()
     n_memory: int = 0
     jumps: bool = False

@@ -150,6 +150,7 @@ STIFFNESS = (
             EffectParameter("a3", "1/({port})^2"),
             EffectParameter("r", "{port}"),
         ),
+        references=(2,),
         starts=_polynomial_starts,
         transform=_polynomial_transform,
         output_port=False,
