@@ -46,6 +46,7 @@ from narx_sklearn.physics.effects._hysteresis import (
 )
 from narx_sklearn.physics.effects._limits import _rate_limit_run
 from narx_sklearn.physics.effects._registry import _check_fields, _check_trial
+from narx_sklearn.physics.effects._starts import lines_in_time
 
 # which effect acts where: the table of the catalogue's specification
 PLACES = {
@@ -1172,6 +1173,14 @@ class TestStarts:
         shown[400 : 400 + length] = signal[400]
         found, _ = CATALOGUE["stuck_sensor"].scan(setting_of(signal), shown - signal)
         np.testing.assert_array_equal(transformed("stuck_sensor", signal, found[0]), shown)
+
+    def test_a_line_that_noise_with_a_memory_hides_is_seen_in_its_innovations(self):
+        rng = np.random.default_rng(0)
+        white = rng.normal(size=1200) + 0.4 * np.sin(30.0 * DT * np.arange(1200))
+        setting = setting_of(wideband(), residual=lfilter([1.0], [1.0, -0.99], white))
+        blind, clear = (lines_in_time(s, 1) for s in (setting, setting._replace(innovations=white)))
+        assert blind < 10.0
+        assert clear == pytest.approx([30.0], abs=0.3)
 
     def test_repeats_to_the_last_digit_tell_when_and_how_far_off(self):
         signal = wideband()

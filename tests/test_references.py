@@ -6,7 +6,7 @@ import pytest
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.inference import intervals, lost_together
-from narx_sklearn.discrepancy.naming import counted_from_zero
+from narx_sklearn.discrepancy.naming import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.problem import Model, Problem
@@ -76,6 +76,21 @@ def test_a_reference_that_nothing_else_does_stays(sagging):
     problem = problem_of(y + sigma * np.random.default_rng(2).normal(size=y.shape), u, sigma)
     found = counted_from_zero(problem, fitted(problem, drive))
     assert found.effects[0].theta[2] == pytest.approx(0.5, abs=0.1)
+
+
+def test_amplitudes_are_positive_and_phases_within_half_a_turn(sagging):
+    placed = PlacedEffect(
+        CATALOGUE["periodic_disturbance"], Port("state", 0), theta=(-0.5, 2.0, 2.0 + 2 * np.pi)
+    )
+    turned = placed.with_positive_amplitude()
+    assert turned.theta == pytest.approx([0.5, 2.0, 2.0 - np.pi])
+    assert turned.with_positive_amplitude() == turned
+    waves = [sagging.simulator.with_effects([effect]).simulate(sagging.u) for effect in (placed, turned)]
+    np.testing.assert_allclose(*waves, atol=1e-9)
+    found = with_positive_amplitudes(sagging, fitted(sagging, placed))
+    assert found.effects[0].theta[0] > 0
+    law = product((-0.2, 0.0, 0.0))
+    assert law.with_positive_amplitude() is law
 
 
 def test_of_a_slow_drift_only_the_slope_is_told(sagging):

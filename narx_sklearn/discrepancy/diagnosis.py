@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.generic import UNNAMED
 from narx_sklearn.discrepancy.inference import parameters_moved
 from narx_sklearn.discrepancy.judgement import Judgement, judge
 from narx_sklearn.discrepancy.lookalikes import is_a_change
-from narx_sklearn.discrepancy.naming import counted_from_zero
+from narx_sklearn.discrepancy.naming import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.problem import Problem
 from narx_sklearn.discrepancy.refit import Fit, fit
@@ -151,7 +151,8 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     if found is None:
         nothing = "refit" if p_moved <= settings.alpha else "consistent"
         found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
-    found = found._replace(best=counted_from_zero(problem, found.best))
+    plain = with_positive_amplitudes(problem, counted_from_zero(problem, found.best))
+    found = found._replace(best=plain)
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
     verdict, best, alternatives, unnamed, _, against_noise = found
     verdict = "unknown" if twin_misses_more else verdict

@@ -65,7 +65,7 @@ def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothes
     scanned, n_tried = _scan(effect, setting, placed)
     if not len(starts) + len(scanned):
         return None
-    blind = _starts(effect, setting._replace(residual=None), placed)
+    blind = _starts(effect, setting._replace(residual=None, innovations=None), placed)
     # what is read off the measured values themselves (their steps, their repeats) is no residual
     tuned = (
         np.zeros(len(starts), dtype=bool)
@@ -358,6 +358,10 @@ class _Material:
     def __init__(self, simulator: Simulator, problem: Problem, run: Run, order, structure: Structure):
         self.simulator, self.u, self.run, self.structure = simulator, problem.u[order], run, structure
         self.residual = np.nan_to_num(problem.y - run.y)
+        innovations = problem.residual(run).reshape(problem.seen.shape)[problem.inside]
+        self.innovations = np.nan_to_num(innovations, posinf=0.0, neginf=0.0)
+        _, directions = np.linalg.eigh(self.innovations.T @ self.innovations)
+        self.together = self.innovations @ directions[:, -1]  # where something shows in several outputs
         self.order, self.time, self.first = order, _time(problem), _firsts(problem)
         x = run.x[order]
         rates = np.empty_like(x)
@@ -382,7 +386,9 @@ class _Material:
             argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
-        return Setting(argument, rate, own, second, self.time, dt, self.first, residual, self.order * dt)
+        shows = self.innovations[:, index] if kind == "output" else self.together
+        elapsed = self.order * dt
+        return Setting(argument, rate, own, second, self.time, dt, self.first, residual, shows, elapsed)
 
 
 def _time(problem: Problem) -> np.ndarray:

@@ -119,6 +119,14 @@ def counted_from_zero(problem: Problem, best: Candidate) -> Candidate:
     return best
 
 
+def with_positive_amplitudes(problem: Problem, best: Candidate) -> Candidate:
+    """Return a set whose ripples and lines have positive amplitudes, phases within half a turn of zero."""
+    effects = tuple(effect.with_positive_amplitude() for effect in best.effects)
+    if effects == best.effects:
+        return best
+    return Candidate(fit(problem, best.fit.model._replace(effects=effects), iterations=0), best.n_samples)
+
+
 def _with_zeros(problem: Problem, candidate: Candidate, places: set[tuple[int, int]]) -> Candidate:
     effects = tuple(
         effect.with_zeros([k for j, k in places if j == i]) for i, effect in enumerate(candidate.effects)

@@ -82,6 +82,16 @@ class PlacedEffect:
         """Return it with other parameter values."""
         return replace(self, theta=tuple(float(value) for value in theta))
 
+    def with_positive_amplitude(self) -> "PlacedEffect":
+        """Return it with a positive amplitude, the phase half a turn on, within half a turn of zero."""
+        amplitude, phase = self.amplitude, self.effect.phase
+        if phase is None or amplitude is None:
+            return self
+        theta = np.array(self.theta)
+        turned = theta[phase] + np.pi * (theta[amplitude] < 0)
+        theta[amplitude], theta[phase] = abs(theta[amplitude]), (turned + np.pi) % (2 * np.pi) - np.pi
+        return self.at(theta)
+
     def with_zeros(self, indices: Collection[int]) -> "PlacedEffect":
         """Return it with some parameters held at zero."""
         theta, limits = np.array(self.theta), self.bounds

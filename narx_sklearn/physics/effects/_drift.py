@@ -245,6 +245,7 @@ DRIFT = (
         transform=_periodic_transform,
         input_port=False,
         argument="none",
+        phase=2,
         lookalikes=("cogging", "extra_mode"),
         separate_by="a constant input, and another speed",
         source="Bodson and Douglas 1997, Automatica 33(12), sec. 2",

@@ -55,6 +55,7 @@ class Setting(NamedTuple):
     first: np.ndarray  # indices at which a session or a gap's other side begins
     # measured less simulated output, where the caller has it: frequencies show in it
     residual: np.ndarray | None = None
+    innovations: np.ndarray | None = None  # what it would be without the noise's memory, at any output
     elapsed: np.ndarray | None = None  # seconds since the record of all sessions began
 
 
@@ -128,6 +129,8 @@ class Effect:
     form : int or None
         Index of the parameter that leads from one way to build the same thing to another (a filter of parts,
         or of code): it makes an effect no less simple.
+    phase : int or None
+        Index of the parameter that is a phase, half a turn of which turns the sign of the amplitude.
     references : tuple of int
         Indices of the parameters from which an argument is counted. Often the simulator's own parameters can
         do what another reference does; then it is zero.
@@ -223,6 +226,7 @@ class Effect:
     levels: tuple[int, ...] = ()
     begin: int | None = None
     form: int | None = None
+    phase: int | None = None
     references: tuple[int, ...] = ()
     instants: tuple[int, int] | tuple[()] = ()
     n_memory: int = 0

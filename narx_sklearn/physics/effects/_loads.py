@@ -201,6 +201,7 @@ LOADS = (
         force=_cogging,
         argument="position",
         argument_units=("rad", "m", "mm", "um"),
+        phase=2,
         lookalikes=("periodic_disturbance", "gravity"),
         holds=("constant_load", "gravity", "cubic_stiffness", "quadratic_stiffness"),
         separate_by="turning at two speeds",

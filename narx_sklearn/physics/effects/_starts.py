@@ -113,18 +113,24 @@ def telling(setting: Setting, rows: np.ndarray, transform: Callable) -> np.ndarr
     return np.array(kept).reshape(-1, rows.shape[1])
 
 
+def _residual(setting: Setting) -> np.ndarray | None:
+    """Return what shows lines best: beside noise with a memory a faint one is no peak."""
+    return setting.residual if setting.innovations is None else setting.innovations
+
+
 def lines_in_time(setting: Setting, n: int) -> np.ndarray:
     """Return the ``n`` strongest frequencies of the residual, rad/s, strongest first; none without one.
 
     The sessions' periodograms are added. Lines of fewer than three periods in a record are drift, not lines.
     """
-    if setting.residual is None:
+    residual = _residual(setting)
+    if residual is None:
         return np.empty(0)
-    edges = np.unique(np.concatenate([[0], setting.first, [setting.residual.size]]))
+    edges = np.unique(np.concatenate([[0], setting.first, [residual.size]]))
     size = 2 * int(np.max(np.diff(edges), initial=1))  # zero padding: half a bin is the worst miss
     power = np.zeros(size // 2 + 1)
     for a, b in pairwise(edges):
-        piece = setting.residual[a:b]
+        piece = residual[a:b]
         good = np.isfinite(piece)
         if not good.any():
             continue
@@ -141,12 +147,13 @@ def lines_in_angle(setting: Setting, waves: np.ndarray, n: int) -> np.ndarray:
     The residual is averaged in narrow bins of the angle first; over more than a turn the turns are laid on
     each other, for which the wave numbers must be whole.
     """
-    if setting.residual is None or waves.size == 0:
+    residual = _residual(setting)
+    if residual is None or waves.size == 0:
         return np.empty(0)
-    good = np.isfinite(setting.argument) & np.isfinite(setting.residual)
+    good = np.isfinite(setting.argument) & np.isfinite(residual)
     if not good.any():
         return np.empty(0)
-    angle, value = setting.argument[good], setting.residual[good]
+    angle, value = setting.argument[good], residual[good]
     angle = angle - angle.min()
     reach = min(angle.max(), 2 * np.pi)
     index = (angle % reach if angle.max() > reach else angle) / max(reach, 1e-300) * (ANGLE_BINS - 1)
