@@ -9,7 +9,8 @@ from small_machines import axis_problem, friction, levels, make_axis
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.findings import argument_told
-from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses
+from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
+from narx_sklearn.discrepancy.judgement import _without_its_power
 from narx_sklearn.discrepancy.naming import _without_refinement
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -292,3 +293,22 @@ def test_a_look_alike_that_only_mends_the_form_of_another_is_left_out(other, sha
 def test_a_finding_names_its_signal_by_the_letter_of_the_equation(code, kind, argument):
     placed = PlacedEffect(CATALOGUE[code], Port(kind, 0), argument_name="signal", argument_unit="m")
     assert argument_told(placed) == argument
+
+
+def test_a_name_refuted_by_its_power_gives_way_to_one_that_does_as_well():
+    """A spring that is hit beyond a gap looks like a cube; the power that it has then is the gap's doing."""
+    gap = PlacedEffect(CATALOGUE["clearance"], Port("state", 1), (1.0, 0.0), theta=(60.0, 0.5, 0.0))
+    cube = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(10.0,))
+    cog = PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(1.0, 2.0, 0.0, 0.0))
+    problem, start = axis_problem()
+    fits = {e.effect.code: fit(problem, start._replace(effects=(e,)), iterations=1) for e in (gap, cube, cog)}
+    best, clearance, cogging = (
+        Candidate(fits[code], problem.n_seen) for code in ("cubic_stiffness", "clearance", "cogging")
+    )
+    freed = with_free_power(cube, cube.effect.power, 1.0)
+    other = Candidate(fit(problem, start._replace(effects=(freed,)), iterations=1), problem.n_seen)
+    assert _without_its_power(best, other, ((clearance, cogging),)) == [clearance, cogging]
+    square = replace(cube, effect=CATALOGUE["quadratic_stiffness"])
+    power = Candidate(fit(problem, start._replace(effects=(square,)), iterations=1), problem.n_seen)
+    assert _without_its_power(best, other, ((power, clearance),)) == [clearance]
+    assert _without_its_power(best, best, ((clearance,),)) == []  # it has its power

@@ -75,6 +75,12 @@ def _judged(
     if may_be_drift(best, alternatives):  # its course is as it may be
         return Judgement(named, best, alternatives, unnamed)
     if (other := with_another_power(problem, best, settings.alpha)) is not None:
+        as_likely = [
+            c for c in _without_its_power(best, other, alternatives) if c.criterion <= other.criterion
+        ]
+        if as_likely:  # another name does what this power does
+            rival = converged(problem, likeliest(as_likely, refitted.cost), settings.n_jobs)
+            return _judged(searched, rival, pool, structure, settings)
         nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
         return Judgement("unknown", best, alternatives, nearest, True)
     signs = left_that_is_no_noise(problem, refitted, best, structure, settings)
@@ -86,6 +92,20 @@ def _judged(
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)
     return Judgement(named, best, alternatives, unnamed)
+
+
+def _without_its_power(
+    best: Candidate, other: Candidate, alternatives: tuple[tuple[Candidate, ...], ...]
+) -> list[Candidate]:
+    """Return what could stand in the place of a law that another power refutes, and is no power itself."""
+    return [
+        candidate
+        for member, freed, rivals in zip(best.effects, other.effects, alternatives, strict=True)
+        if freed.effect is not member.effect
+        for candidate in rivals
+        if all(effect.effect.power is None or effect.place in best.places for effect in candidate.effects)
+        and member.place not in candidate.places
+    ]
 
 
 def _alternatives(
