@@ -32,9 +32,16 @@ class TestLongWindows:
     def test_windows_stay_short_where_a_long_run_loses_the_recording(self):
         problem, start = axis_problem(n_windows=30)
         rng = np.random.default_rng(9)
-        problem.y[:] = 100.0 * rng.normal(size=problem.y.shape)
+        problem.y[:] = np.cumsum(rng.normal(size=problem.y.shape), axis=0)
         short = _Fitted(problem, fit(problem, start), 50)
         assert _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12)) is short
+
+    def test_noise_alone_keeps_no_windows_short(self):
+        """Half as large as the motion, it is no more in long windows than in short ones."""
+        problem, start = axis_problem(n_windows=30)
+        problem.y[:] += 0.5 * np.std(problem.y) * np.random.default_rng(9).normal(size=problem.y.shape)
+        short = _Fitted(problem, fit(problem, start), 50)
+        assert _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12)).problem.windows.count == 4
 
 
 class TestLatePieces:

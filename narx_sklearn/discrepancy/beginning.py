@@ -26,7 +26,7 @@ from narx_sklearn.discrepancy.windows import (
 LONG = 4  # windows of an integrating plant, once short ones have brought its parameters near
 SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is fitted first
 TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
-FOLLOWS = 0.3  # share of an output's spread that the residual of long windows may have
+FOLLOWS = 0.3  # share of an output's spread that long windows may leave beside what short ones leave
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 
 
@@ -216,8 +216,10 @@ def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
         return begun
     longer = problem.over(windows)
     refitted = fit(longer, found.model._replace(x0=states_at(problem, found, windows)))
-    share = residual_deviation(longer, refitted.residual) / np.nanstd(problem.y, axis=0)
-    return _Fitted(longer, refitted, windows.length, length) if np.all(share < FOLLOWS) else begun
+    left, noise = (residual_deviation(p, f.residual) for p, f in ((longer, refitted), (problem, found)))
+    more = left**2 - noise**2  # than short windows leave, which is mostly noise
+    follows = np.all(more < (FOLLOWS * np.nanstd(problem.y, axis=0)) ** 2)
+    return _Fitted(longer, refitted, windows.length, length) if follows else begun
 
 
 def states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
