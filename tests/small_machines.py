@@ -3,11 +3,11 @@
 import numpy as np
 
 from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.001,))

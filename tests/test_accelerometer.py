@@ -8,14 +8,14 @@ from numpy.testing import assert_allclose
 from small_machines import levels
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.followed import response
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.pulse import gradients_by_force
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.followed import response
+from narx_sklearn.discrepancy.stages.pulse import gradients_by_force
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
 

@@ -5,14 +5,14 @@ import pytest
 from small_machines import axis_problem, levels, make_axis, make_circuit, make_drive
 
 from narx_sklearn.discrepancy import verify
-from narx_sklearn.discrepancy.beginning import _Fitted, _lengthened
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened
 from narx_sklearn.discrepancy.verify import Lead, free_run
-from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_machines import LOAD, fitted, walking
 
-from narx_sklearn.discrepancy import by_chance
-from narx_sklearn.discrepancy.by_chance import ByChance, gained_by_chance
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.confirm import Beside, as_if_white
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.discrepancy.search import by_chance
+from narx_sklearn.discrepancy.search.by_chance import ByChance, gained_by_chance
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import Beside, as_if_white
+from narx_sklearn.discrepancy.search.restricted import Contrasts, own_noise
 from narx_sklearn.physics.effects import CATALOGUE
 
 DRIFTING_DAMPING = PlacedEffect(

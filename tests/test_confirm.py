@@ -5,15 +5,16 @@ import pytest
 from scipy.stats import chi2
 from small_machines import axis_problem, friction, levels, make_circuit
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
-from narx_sklearn.discrepancy.bank import make_bank
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.confirm import chance_of_noise, clearer_noise, deviance, noises_against
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.search import confirm
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import chance_of_noise, clearer_noise, deviance, noises_against
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.physics.effects import CATALOGUE
 
 

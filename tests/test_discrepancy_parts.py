@@ -11,24 +11,24 @@ from scipy.signal import lfilter
 from small_machines import axis_problem
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.bank import Bank, flexible_residual, moved_for, out_of
-from narx_sklearn.discrepancy.confirm import chance_of_noise
-from narx_sklearn.discrepancy.detect import blocks_of, detect, strongest_line
-from narx_sklearn.discrepancy.inference import (
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem, Projector
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.report_text import what_is_left
+from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, moved_for, out_of
+from narx_sklearn.discrepancy.search.confirm import chance_of_noise
+from narx_sklearn.discrepancy.search.detect import blocks_of, detect, strongest_line
+from narx_sklearn.discrepancy.search.inference import (
     confidence_in_nothing,
     covariance,
     intervals,
     told_together,
     untold,
 )
-from narx_sklearn.discrepancy.noise import Noise, estimate_noise
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem, Projector
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.report_text import what_is_left
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut, find_pace, spread_out, window_length
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut, find_pace, spread_out, window_length
 from narx_sklearn.physics.effects import CATALOGUE
 
 ABOUT = {"dt": 0.02, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
@@ -89,7 +89,7 @@ class TestWindows:
 
     def test_what_forgets_gets_long_windows_and_what_drifts_gets_many(self):
         simulator = make_stage()
-        from narx_sklearn.discrepancy.windows import Pace
+        from narx_sklearn.discrepancy.simulators.windows import Pace
 
         assert window_length(simulator, Pace(0.1, True), 10_000) == 166  # no more than sixty windows
         assert window_length(simulator, Pace(1.0, True), 10_000) == 1000  # twenty time constants

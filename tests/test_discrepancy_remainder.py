@@ -9,15 +9,15 @@ from scipy.signal import lfilter
 from scipy.stats import rankdata
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.followed import followed, followed_together, response
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.remainder import Remainder, Sign, _in_bursts, _shared, look_at_remainder
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.followed import followed, followed_together, response
+from narx_sklearn.discrepancy.stages.remainder import Remainder, Sign, _in_bursts, _shared, look_at_remainder
 
 N = 2000
 DT = 0.02

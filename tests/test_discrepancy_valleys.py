@@ -6,15 +6,20 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.inference import intervals
-from narx_sklearn.discrepancy.lookalikes import look_alikes
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.valleys import levels_in_sight, moved_in_time, other_valleys, spread_round
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.inference import intervals
+from narx_sklearn.discrepancy.search.lookalikes import look_alikes
+from narx_sklearn.discrepancy.search.valleys import (
+    levels_in_sight,
+    moved_in_time,
+    other_valleys,
+    spread_round,
+)
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 TRUE = (0.3, 0.3, 1.0)

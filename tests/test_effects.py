@@ -13,9 +13,9 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, lsim
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.kernels import FORCE
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.kernels import FORCE
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics import play
 from narx_sklearn.physics.effects import (

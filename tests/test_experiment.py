@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.designs import settled
 from narx_sklearn.discrepancy.experiment import chance, design_experiment, middle_of
-from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.nested import ALLOWED, farthest_allowed
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit, fit_states
 from narx_sklearn.discrepancy.rivals import find_rivals
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.inference import covariance
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 

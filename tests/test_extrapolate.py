@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy import judgement
 from narx_sklearn.discrepancy.extrapolate import find_amplitudes
+from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.stages import judgement
 from narx_sklearn.report import render_report
 
 TRUTH = {"gain": 1.1, "damping": 0.7, "stiffness": 11.0}

@@ -7,18 +7,18 @@ import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.candidate import Candidate
 from narx_sklearn.discrepancy.findings import argument_told
-from narx_sklearn.discrepancy.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
-from narx_sklearn.discrepancy.judgement import _without_its_power
-from narx_sklearn.discrepancy.naming import _without_refinement
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.judgement import _without_its_power
+from narx_sklearn.discrepancy.stages.naming import _without_refinement
+from narx_sklearn.discrepancy.stages.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
 from narx_sklearn.physics.effects import CATALOGUE
 
 

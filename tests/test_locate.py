@@ -26,7 +26,7 @@ from narx_sklearn.discrepancy.locate import (
 )
 from narx_sklearn.discrepancy.locate import _kalman as kernels
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 
 DT = 0.02
 SIGNALS = {"states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}

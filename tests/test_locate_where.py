@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.locate import (
     stated_regions,
 )
 from narx_sklearn.discrepancy.locate._hats import additive_hats, hats
-from narx_sklearn.discrepancy.simulator import Signal
+from narx_sklearn.discrepancy.simulators.simulator import Signal
 
 SIGNALS = {"inputs": [Signal("drive", "V")], "states": [Signal("position", "m"), Signal("velocity", "m/s")]}
 

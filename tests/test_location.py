@@ -5,15 +5,15 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
 from narx_sklearn.discrepancy.location import _slope
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.simulator import Signal
-from narx_sklearn.discrepancy.trimmed import trimmed
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.simulator import Signal
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.trimmed import trimmed
 
 GAP, LIMIT, DEAD = 0.25, 2.5, 0.8
 

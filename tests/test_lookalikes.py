@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, naming
-from narx_sklearn.discrepancy.candidate import HARDLY, OUTSIDE, Candidate
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.findings import _confidence
-from narx_sklearn.discrepancy.lookalikes import ALIKE, likeliest, look_alikes
-from narx_sklearn.discrepancy.naming import FORM, named_by_reach
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.start import fit_initial_states
-from narx_sklearn.discrepancy.swaps import exchanges
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
+from narx_sklearn.discrepancy.search.lookalikes import ALIKE, likeliest, look_alikes
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import naming
+from narx_sklearn.discrepancy.stages.naming import FORM, named_by_reach
+from narx_sklearn.discrepancy.stages.swaps import exchanges
 from narx_sklearn.physics.effects import CATALOGUE
 
 

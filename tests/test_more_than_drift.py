@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from small_machines import make_axis
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, confirm
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.confirm import Trial, more_than_drift
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
+from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search import confirm
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import Trial, more_than_drift
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.report import render_report
 

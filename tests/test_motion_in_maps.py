@@ -5,9 +5,9 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import NARXSimulator
-from narx_sklearn.discrepancy.acting import correction_name, correction_unit, state_forces
+from narx_sklearn.discrepancy.fitting.acting import correction_name, correction_unit, state_forces
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows, evaluate
+from narx_sklearn.discrepancy.simulators.simulator import Windows, evaluate
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE
 

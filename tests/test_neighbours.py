@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.acting import state_forces
 from narx_sklearn.discrepancy.findings import parameter_names, place_in_words
-from narx_sklearn.discrepancy.generic import curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses, placements
+from narx_sklearn.discrepancy.fitting.acting import state_forces
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.search.generic import curve_hypotheses
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses, placements
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.substeps import coarse_steps, too_coarse
-from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 BODY, WHEEL = 300.0, 40.0  # kg

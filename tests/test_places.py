@@ -8,10 +8,10 @@ from small_machines import levels, make_axis, make_circuit, make_drive, tank
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.as_narx import effect_regressors
-from narx_sklearn.discrepancy.hypotheses import placements
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.search.hypotheses import placements
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 

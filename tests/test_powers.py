@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 from small_machines import axis_problem, make_oscillator, recorded_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.generic import (
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.generic import (
     EVEN_POWER,
     ODD_POWER,
     placed_powers,
     power_effect,
     with_free_power,
 )
-from narx_sklearn.discrepancy.hypotheses import Hypothesis
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.powers import best_power, with_another_power
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.stages.powers import best_power, with_another_power
 from narx_sklearn.physics.effects import CATALOGUE, Power
 
 VELOCITY = (0.0, 1.0)

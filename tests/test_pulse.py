@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.bank import out_of
-from narx_sklearn.discrepancy.followed import response
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.pulse import gradients_by_force, strongest_pulse
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.bank import out_of
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.followed import response
+from narx_sklearn.discrepancy.stages.pulse import gradients_by_force, strongest_pulse
 
 DT, HERTZ, SIGMA = 0.02, 3.7, 0.004
 NAMES, NOMINAL = ("b", "c", "k [1/s^2]"), (1.0, 0.5, 12.0)

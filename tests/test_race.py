@@ -3,20 +3,21 @@
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import ODESimulator, explain
-from narx_sklearn.discrepancy.bank import make_bank
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.explain import IN_REACH, refit_leaders
-from narx_sklearn.discrepancy.generic import curve_hypotheses
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.ranking import leaders
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search import explain
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import IN_REACH, refit_leaders
+from narx_sklearn.discrepancy.search.generic import curve_hypotheses
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.search.ranking import leaders
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 NOISE = 0.02  # m

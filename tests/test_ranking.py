@@ -7,18 +7,18 @@ import pytest
 from small_machines import make_axis
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.bank import Bank, make_bank
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.explain import refit_leaders, refit_pairs
-from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.ranking import APART, gains, leaders, pairs
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.bank import Bank, make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import refit_leaders, refit_pairs
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.search.ranking import APART, gains, leaders, pairs
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 FORCE = Port("state", 1)

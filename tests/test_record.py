@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.record import label_findings, read_inputs, read_outputs, read_record
+from narx_sklearn.discrepancy.records.record import label_findings, read_inputs, read_outputs, read_record
 from narx_sklearn.discrepancy.units import conversion
 from narx_sklearn.exceptions import NarxWarning
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.inference import intervals, lost_together
-from narx_sklearn.discrepancy.naming import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.inference import intervals, lost_together
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.naming import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.physics.effects import CATALOGUE
 
 N = 2000

@@ -15,7 +15,7 @@ from small_machines import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.remainder import Sign
+from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned

@@ -5,11 +5,11 @@ import pytest
 from scipy.linalg import toeplitz
 from small_machines import LOAD, fitted, walking
 
-from narx_sklearn.discrepancy.confirm import deviance
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.restricted import Contrasts, own_noise
+from narx_sklearn.discrepancy.search.confirm import deviance
+from narx_sklearn.discrepancy.search.restricted import Contrasts, own_noise
 from narx_sklearn.physics.effects import CATALOGUE
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from small_machines import axis_problem, friction
 
-from narx_sklearn.discrepancy.candidate import Candidate
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.nested import ALLOWED
-from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*compile")

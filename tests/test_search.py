@@ -4,21 +4,22 @@ import numpy as np
 import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
-from narx_sklearn.discrepancy import ODESimulator, confirm, explain
-from narx_sklearn.discrepancy.bank import flexible_residual, make_bank
-from narx_sklearn.discrepancy.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.explain import by_weight, probe, refit_leaders, without_idle
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
-from narx_sklearn.discrepancy.inference import intervals
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.ranking import leaders
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.search import confirm, explain
+from narx_sklearn.discrepancy.search.bank import flexible_residual, make_bank
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import by_weight, probe, refit_leaders, without_idle
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.search.inference import intervals
+from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.settings import Settings
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 

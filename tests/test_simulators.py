@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.physics.effects import CATALOGUE
 

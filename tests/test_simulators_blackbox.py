@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from narx_sklearn import DiscrepancyRegressor, NARXRegressor, ODESimulator
 from narx_sklearn.discrepancy import CallableSimulator, TraceSimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, no_start
 

@@ -7,18 +7,18 @@ import pytest
 from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
-from narx_sklearn.discrepancy.checks import (
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.records.checks import (
     DataFinding,
     _alike_ratios,
     _named_zero,
     still_standing,
     to_be_mended,
 )
-from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import CATALOGUE
 

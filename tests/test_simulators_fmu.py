@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from narx_sklearn.discrepancy.fmu import FMUSimulator
+from narx_sklearn.discrepancy.surrogates.fmu import FMUSimulator
 
 # level' = gain * pump - outflow * level, stepped exactly for a pump held between samples (FMI 2.0)
 SOURCE = r"""

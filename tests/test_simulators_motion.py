@@ -7,8 +7,8 @@ import pytest
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import TraceSimulator
 from narx_sklearn.discrepancy.findings import parameter_units
-from narx_sklearn.discrepancy.motion import MotionSimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.surrogates.motion import MotionSimulator
 from narx_sklearn.physics.effects import CATALOGUE
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import NARXSimulator
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.model import (
     AsymmetricSign,
     Difference,

@@ -6,7 +6,7 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import TraceSimulator
-from narx_sklearn.discrepancy.stores import StoresSimulator
+from narx_sklearn.discrepancy.surrogates.stores import StoresSimulator
 
 
 def drain(level, power):

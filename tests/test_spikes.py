@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.spikes import find_spikes
+from narx_sklearn.discrepancy.records.spikes import find_spikes
 from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.physics.effects._effect import Setting
 

@@ -7,11 +7,11 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy import substeps
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
+from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.substeps import coarse_steps, mind_steps, too_coarse
-from narx_sklearn.discrepancy.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.1

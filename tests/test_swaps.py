@@ -7,18 +7,18 @@ import pytest
 from small_machines import make_axis, make_oscillator
 
 from narx_sklearn import DiscrepancyRegressor
-from narx_sklearn.discrepancy import coloured_search
-from narx_sklearn.discrepancy.bank import make_bank, moved_for
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.explain import Step, reordered
-from narx_sklearn.discrepancy.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.swaps import special_cases, swaps
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.search.bank import make_bank, moved_for
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import Step, reordered
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import coloured_search
+from narx_sklearn.discrepancy.stages.swaps import special_cases, swaps
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -141,7 +141,7 @@ def test_few_are_tried(problem, monkeypatch):
         }.items()
     ]
     everything = swaps(problem, best, [best], alike)
-    monkeypatch.setattr("narx_sklearn.discrepancy.swaps.SWAPS", 1)
+    monkeypatch.setattr("narx_sklearn.discrepancy.stages.swaps.SWAPS", 1)
     assert len(swaps(problem, best, [best], alike)) == 1 < len(everything)
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.01

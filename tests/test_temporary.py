@@ -8,23 +8,28 @@ import pandas as pd
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy import diagnosis, temporary
-from narx_sklearn.discrepancy.acting import correction
 from narx_sklearn.discrepancy.as_narx import effect_regressors
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import coloured_search
+from narx_sklearn.discrepancy.fitting.acting import correction
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals
+from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
-from narx_sklearn.discrepancy.simulator import Windows
-from narx_sklearn.discrepancy.stretches import Stretches
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.temporary import large_parts, only_where_fitted, search_in_spans, spans_of
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import diagnosis, temporary
+from narx_sklearn.discrepancy.stages.coloured_search import coloured_search
+from narx_sklearn.discrepancy.stages.stretches import Stretches
+from narx_sklearn.discrepancy.stages.temporary import (
+    large_parts,
+    only_where_fitted,
+    search_in_spans,
+    spans_of,
+)
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
 

@@ -5,8 +5,11 @@ import pytest
 from small_machines import levels, make_oscillator, recorded_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.generic import (
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.generic import (
     DRIVEN,
     MONOMIALS,
     SURFACE,
@@ -14,12 +17,9 @@ from narx_sklearn.discrepancy.generic import (
     curve_hypotheses,
     without_terms,
 )
-from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.structure import find_structure
-from narx_sklearn.discrepancy.unnamed import simplified
-from narx_sklearn.discrepancy.windows import cut
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.unnamed import simplified
 
 
 def van_der_pol(x, u, p):

@@ -5,22 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator, diagnosis
-from narx_sklearn.discrepancy.bank import entered
-from narx_sklearn.discrepancy.beginning import begin
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.checks import check_record
-from narx_sklearn.discrepancy.diagnosis import diagnose
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.experiment import design_experiment
-from narx_sklearn.discrepancy.inference import parameters_moved
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states, states_along
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.records.checks import check_record
+from narx_sklearn.discrepancy.search.bank import entered
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.inference import parameters_moved
 from narx_sklearn.discrepancy.settings import Settings
-from narx_sklearn.discrepancy.start import fit_initial_states, states_along
+from narx_sklearn.discrepancy.simulators.windows import Pace, cut, find_pace, followed_for, window_length
+from narx_sklearn.discrepancy.stages import diagnosis
+from narx_sklearn.discrepancy.stages.beginning import begin
+from narx_sklearn.discrepancy.stages.diagnosis import diagnose
 from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
-from narx_sklearn.discrepancy.windows import Pace, cut, find_pace, followed_for, window_length
 from narx_sklearn.physics.effects import CATALOGUE
 
 N, DT, GRAVITY, MIDDLE = 3000, 0.002, 9.81, 0.01

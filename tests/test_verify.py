@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.verify import BLOCKS, HeldOut
 
 N = 800

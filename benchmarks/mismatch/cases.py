@@ -20,7 +20,7 @@ from narx_sklearn.datasets import (
     fetch_mr_damper,
     fetch_silverbox,
 )
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 FORCE_PER_VOLT = 35.15065188248547  # N/V, drive of EMPS as documented
 

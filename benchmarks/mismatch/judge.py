@@ -8,10 +8,10 @@ import pandas as pd
 
 from mismatch.cases import Case, Part
 from narx_sklearn import DiscrepancyRegressor, TraceSimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.verify import free_run
 
 

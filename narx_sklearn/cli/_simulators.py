@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 
 def load_simulator(text: str) -> Simulator:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.identification import NARXRegressor
 from narx_sklearn.model import NARXModel
 from narx_sklearn.model.phi import Phi

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.windows import find_pace
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulators.windows import find_pace
 from narx_sklearn.signals import loading_unloading, multisine
 
 PACES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of designs, times the simulator's

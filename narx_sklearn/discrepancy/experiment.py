@@ -11,16 +11,16 @@ from joblib import Parallel, delayed
 from scipy.stats import norm
 
 from narx_sklearn._validation import finite_rows
-from narx_sklearn.discrepancy.candidate import HARDLY
 from narx_sklearn.discrepancy.designs import fewest_samples, make_designs, read_limits, settled
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.record import read_inputs
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.records.record import read_inputs
+from narx_sklearn.discrepancy.search.candidate import HARDLY
 from narx_sklearn.discrepancy.settings import read_effects
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.simulators.windows import cut, find_pace, followed_for
 from narx_sklearn.discrepancy.tangents import EffectTangents, effect_tangents
-from narx_sklearn.discrepancy.windows import cut, find_pace, followed_for
 
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
 AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good

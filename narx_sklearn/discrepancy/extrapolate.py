@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit, fit_states
-from narx_sklearn.discrepancy.temporary import are_foreseen
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
+from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.stages.temporary import are_foreseen
 from narx_sklearn.discrepancy.verify import score_table
-from narx_sklearn.discrepancy.windows import cut, shortest_window
 
 FURTHER = 1.25  # times the reach of all quiet windows, that a louder one has
 FEWEST = 2  # windows on either side

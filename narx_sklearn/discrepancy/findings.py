@@ -6,16 +6,21 @@ from itertools import compress
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import correction, correction_name, correction_unit, port_in_words
-from narx_sklearn.discrepancy.candidate import HARDLY, OUTSIDE, Candidate
-from narx_sklearn.discrepancy.coloured_search import pool_of
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.generic import UNNAMED
-from narx_sklearn.discrepancy.inference import intervals, lost_together
-from narx_sklearn.discrepancy.lookalikes import ALIKE, at_home, is_one_law, unpaid
+from narx_sklearn.discrepancy.fitting.acting import (
+    correction,
+    correction_name,
+    correction_unit,
+    port_in_words,
+)
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
+from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.inference import intervals, lost_together
+from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.stages.coloured_search import pool_of
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.units import tidy_unit
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds

@@ -5,9 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.acting import correction
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.fitting.acting import correction
 from narx_sklearn.discrepancy.locate import (
     bands,
     concentrated_force,
@@ -20,7 +18,9 @@ from narx_sklearn.discrepancy.locate import (
     stated_regions,
     tangent,
 )
-from narx_sklearn.discrepancy.simulator import Signal, Simulator, Windows
+from narx_sklearn.discrepancy.search.inference import covariance
+from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.units import tidy_unit
 
 FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.bank import out_of
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.inference import covariance
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit, fit_states
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import Fit, all_bounds, fit, fit_states
+from narx_sklearn.discrepancy.search.bank import out_of
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.inference import covariance
 
 ALLOWED = 2.0  # standard deviations that a parameter may be off its fitted value
 HALVINGS = 6  # of a move that changes the run more than its tangent says

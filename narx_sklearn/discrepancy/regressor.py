@@ -15,18 +15,14 @@ from narx_sklearn._progress import progress
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import column_labels, session_slices
 from narx_sklearn.discrepancy.as_narx import identify_narx
-from narx_sklearn.discrepancy.beginning import begin
-from narx_sklearn.discrepancy.checks import check_record, still_standing, to_be_mended
-from narx_sklearn.discrepancy.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.designs import read_column, read_limits
-from narx_sklearn.discrepancy.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
-from narx_sklearn.discrepancy.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.location import locate, with_invariances
 from narx_sklearn.discrepancy.placed import Port, for_other_records
-from narx_sklearn.discrepancy.record import (
+from narx_sklearn.discrepancy.records.checks import check_record, still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.record import (
     Split,
     check_length,
     hold_out,
@@ -37,16 +33,20 @@ from narx_sklearn.discrepancy.record import (
     read_record,
     warn_of_step,
 )
+from narx_sklearn.discrepancy.records.spikes import find_spikes, spikes_as_findings
+from narx_sklearn.discrepancy.records.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
+from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
+from narx_sklearn.discrepancy.search.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.spikes import find_spikes, spikes_as_findings
-from narx_sklearn.discrepancy.steps import measured_steps, steps_as_findings
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.stages.beginning import begin
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis, diagnose
+from narx_sklearn.discrepancy.stages.temporary import are_foreseen, only_where_fitted
+from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
 from narx_sklearn.discrepancy.substeps import mind_steps
-from narx_sklearn.discrepancy.temporary import are_foreseen, only_where_fitted
-from narx_sklearn.discrepancy.unnamed import UNEXPLAINED
 from narx_sklearn.discrepancy.verify import (
     SURELY,
     HeldOut,

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import port_in_words
 from narx_sklearn.discrepancy.findings import parameter_names
-from narx_sklearn.discrepancy.inference import told_together, untold
+from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.search.inference import told_together, untold
 from narx_sklearn.discrepancy.units import in_seconds, rounded
 
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid

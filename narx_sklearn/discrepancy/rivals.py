@@ -5,20 +5,20 @@ from itertools import chain, permutations
 
 import numpy as np
 
-from narx_sklearn.discrepancy.bank import make_bank
-from narx_sklearn.discrepancy.candidate import Candidate
-from narx_sklearn.discrepancy.coloured_search import pool_of
-from narx_sklearn.discrepancy.detect import NONE_SILENT
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.explain import refit_leaders
-from narx_sklearn.discrepancy.hypotheses import enumerate_hypotheses
-from narx_sklearn.discrepancy.lookalikes import is_special_case
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.nested import ALLOWED, as_large_as_allowed, farthest_allowed
 from narx_sklearn.discrepancy.placed import in_short
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.ranking import leaders, scaled
-from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import refit_leaders
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.search.lookalikes import is_special_case
+from narx_sklearn.discrepancy.search.ranking import leaders, scaled
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.stages.coloured_search import pool_of
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.physics.effects import CATALOGUE, Effect
 
 MOST_RIVALS = 4  # explanations that one experiment is asked to separate, where nobody says which

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.checks import DataFinding
-from narx_sklearn.discrepancy.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.ode import ODESimulator
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.ode import ODESimulator
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.units import rounded
 
 FINER = 4  # times as many steps, to compare with

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.bank import INVISIBLE, TANGENT, directions, effect_column, off
-from narx_sklearn.discrepancy.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.refit import fit
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.structure import find_structure
+from narx_sklearn.discrepancy.search.bank import INVISIBLE, TANGENT, directions, effect_column, off
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import Effect
 
 

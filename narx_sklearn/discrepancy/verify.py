@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import that_recur
-from narx_sklearn.discrepancy.problem import Problem
-from narx_sklearn.discrepancy.refit import Fit, fit
-from narx_sklearn.discrepancy.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.start import fit_initial_states
-from narx_sklearn.discrepancy.windows import cut, shortest_window
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
 
 BLOCKS = 20  # of the held-out errors, for intervals
 DRAWS = 1000  # of blocks, for intervals

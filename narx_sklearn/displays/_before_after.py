@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
-from narx_sklearn.discrepancy.record import pieces_of, read_inputs, read_outputs
+from narx_sklearn.discrepancy.records.record import pieces_of, read_inputs, read_outputs
 from narx_sklearn.discrepancy.verify import compared, free_run
 from narx_sklearn.displays._style import (
     BLUE,

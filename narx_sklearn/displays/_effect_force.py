@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.acting import correction, correction_name, correction_unit
+from narx_sklearn.discrepancy.fitting.acting import correction, correction_name, correction_unit
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.locate import latent_force, tangent
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.problem import Model, Problem
-from narx_sklearn.discrepancy.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.displays._style import signal_label
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.acting import (
+from narx_sklearn.discrepancy.fitting.acting import (
     acts_along,
     correction_name,
     correction_unit,
@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.acting import (
     state_forces,
 )
 from narx_sklearn.discrepancy.locate import force_curve, latent_force, tangent
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.report._runs import Material
 
 MOST_POINTS = 2500  # of the cloud

@@ -350,7 +350,7 @@ def _by_name(event: str, inputs) -> str:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.simulator import Signal
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Signal
     >>> from narx_sklearn.report._render import _by_name
     >>> inputs = [Signal("drive", "V")]
     >>> [_by_name(event, inputs) for event in ("step of input 0", "begin of record")]

@@ -7,8 +7,8 @@ import numpy as np
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.record import read_record
-from narx_sklearn.discrepancy.simulator import Run, Simulator
+from narx_sklearn.discrepancy.records.record import read_record
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.verify import compared, free_run
 
 WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}

@@ -47,7 +47,7 @@ def concentrated_force(force: LatentForce, linear: Tangent) -> np.ndarray:
     >>> from narx_sklearn.discrepancy import ODESimulator
     >>> from narx_sklearn.discrepancy.locate import concentrated_force, latent_force, tangent
     >>> from narx_sklearn.discrepancy.placed import Port
-    >>> from narx_sklearn.discrepancy.simulator import Windows
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> def spring(x, u, p):
     ...     return x[1], u[0] - 4.0 * x[1] - p[0] * x[0]
     >>> def stop(x, u, p):

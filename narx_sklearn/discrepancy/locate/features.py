@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.discrepancy.simulator import Signal
+from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.units import tidy_unit
 
 PLAIN = "plain"  # attribute of a table: its columns that are signals or their sizes
@@ -41,7 +41,7 @@ def features(
     --------
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy.locate import features
-    >>> from narx_sklearn.discrepancy.simulator import Signal
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Signal
     >>> t = np.arange(100) * 0.1
     >>> table = features(np.sin(t)[:, None], np.cos(t)[:, None], 0.1, inputs=[Signal("drive", "V")],
     ...                  states=[Signal("position", "m")])

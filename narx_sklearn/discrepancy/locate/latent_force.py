@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.locate._kalman import (
 )
 from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Windows
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 
 DIFFUSE = 1e4  # variance of a free initial deviation over what the residual could ask of it
 SEARCH_SAMPLES = 2000  # windows with about this many samples settle the two variances
@@ -153,7 +153,7 @@ def background(linear: Tangent, residual: np.ndarray, windows: Windows, *, noise
     --------
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy.locate import Tangent, background
-    >>> from narx_sklearn.discrepancy.simulator import Windows
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> n, rng = 2000, np.random.default_rng(0)
     >>> one, none = np.ones((n, 1, 1)), np.zeros((n, 1, 0))
     >>> still = Tangent(A=0.9 * one, B=none, G=one, C=one, D=none)
@@ -243,7 +243,7 @@ def latent_force(
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy.locate import Tangent, latent_force
     >>> from narx_sklearn.discrepancy.placed import Port
-    >>> from narx_sklearn.discrepancy.simulator import Windows
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> n, rng = 2000, np.random.default_rng(0)
     >>> one, none = np.ones((n, 1, 1)), np.zeros((n, 1, 0))
     >>> still = Tangent(A=0.9 * one, B=none, G=one, C=one, D=none)

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce, background, latent_force
 from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.physics.effects import PORTS
 
@@ -115,7 +115,7 @@ def port_table(forces: Sequence[LatentForce], simulator: Simulator, windows: Win
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy import ODESimulator
     >>> from narx_sklearn.discrepancy.locate import latent_forces, port_table
-    >>> from narx_sklearn.discrepancy.simulator import Windows
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> def tank(x, u, p):
     ...     return (u[0] - p[0] * x[0],)
     >>> sim = ODESimulator(tank, dt=0.1, parameters={"outflow [1/s]": 0.5}, states=["level [m]"],

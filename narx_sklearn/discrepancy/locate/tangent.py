@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from narx_sklearn.discrepancy.kernels import MAX_EFFECTS
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulator import Run, Simulator, Windows, transformed
+from narx_sklearn.discrepancy.simulators.kernels import MAX_EFFECTS
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows, transformed
 from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
 
 RELATIVE_STEP = 1e-5  # near the cube root of the rounding unit, best for central differences
@@ -77,7 +77,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy import ODESimulator
     >>> from narx_sklearn.discrepancy.locate import tangent
-    >>> from narx_sklearn.discrepancy.simulator import Windows
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> def tank(x, u, p):
     ...     return (u[0] - p[0] * x[0],)
     >>> sim = ODESimulator(tank, dt=0.1, parameters={"outflow [1/s]": 0.5}, states=["level [m]"],

@@ -1,0 +1,171 @@
+"""What effects add along a run: their forces and corrections, sample by sample."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
+from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
+from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
+from narx_sklearn.discrepancy.units import tidy_unit
+
+
+def state_forces(
+    simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, rows: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return (argument, force) of each effect at a state equation, by its index, at some samples of a run.
+
+    Evaluated as the simulators' kernel does: in turn, each on top of those before it.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        With the effects and parameters of the run.
+    rows : ndarray of shape (n_points,)
+        Samples inside the windows, where the run is finite.
+    """
+    acting = [(i, simulator.effects[i]) for i in in_turn(simulator.effects)]
+    functions = [compiled_force(placed.effect.force) for _, placed in acting]
+    thetas = np.zeros((len(acting), MAX_THETA))
+    for theta, (_, placed) in zip(thetas, acting, strict=True):
+        n = len(placed.effect.parameters)
+        theta[:n] = placed.theta[:n]
+    ages = age_of(windows, rows)
+    arguments, values = np.zeros((2, len(acting), rows.size))
+    for at, (k, age) in enumerate(zip(rows, ages, strict=True)):
+        x, now = run.x[k], u[k]
+        slope = evaluate(simulator, x, now)[0]
+        nominal = slope.copy()
+        change = (slope - x) / simulator.dt if simulator.discrete else nominal
+        for e, (_, placed) in enumerate(acting):
+            weights, port = np.array(placed.weights), placed.port.index
+            second = placed.second_of(now[None], x[None])
+            driving = np.nan if second is None else second[0]
+            arguments[e, at], rate = weights @ x, weights @ change
+            own = slope[port] - (x[port] if simulator.discrete else 0.0)
+            step = _step(placed, simulator)
+            gain = 0.0 if placed.inertial else placed.answer
+            if placed.through >= 0:
+                push = PUSH * (1.0 + abs(now[placed.through]))
+                gain = weights @ (_beside(simulator, x, now, placed.through, push) - nominal) / push
+            if gain > 0:
+                own, step = weights @ slope / gain, step * gain
+            if placed.inertial:
+                own = rate + weights[port] * (slope[port] - nominal[port]) / simulator.dt
+                driving = own if second is None else driving
+                own = 0.5 * own
+                arguments[e, at] += own * simulator.dt
+            values[e, at] = functions[e](
+                arguments[e, at],
+                rate,
+                own,
+                driving,
+                age * simulator.dt,
+                step,
+                run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
+                thetas[e],
+                np.zeros(MAX_MEMORY),
+            )
+            values[e, at] = np.where(placed.acts_at(age * simulator.dt), values[e, at], 0.0)
+            if placed.through >= 0:
+                slope += _beside(simulator, x, now, placed.through, values[e, at]) - nominal
+            else:
+                slope[port] += placed.added(simulator.dt) * values[e, at]
+            if placed.onward >= 0:
+                slope[placed.onward] -= placed.theta[-1] * values[e, at]
+    return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:
+    """Return the rates (n_states,) with a force beside an input."""
+    moved = np.array(u, dtype=float)
+    moved[through] += force
+    return evaluate(simulator, x, moved)[0]
+
+
+def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
+    """Tell at which samples inside the windows an effect acts."""
+    return placed.acts_at(age_of(windows, rows) * dt)
+
+
+def age_of(windows: Windows, rows: np.ndarray) -> np.ndarray:
+    """Return how many samples of its session went before each of some samples."""
+    return rows - windows.began[np.maximum(np.searchsorted(windows.first, rows, side="right") - 1, 0)]
+
+
+def _step(placed: PlacedEffect, simulator: Simulator) -> float:
+    """Return what counts as a step to a force: one increment of a map, but time where it has a memory."""
+    if simulator.discrete and not (placed.effect.n_memory or placed.inertial):
+        return 1.0
+    return simulator.dt / simulator.substeps
+
+
+def signal_change(
+    placed: PlacedEffect, signals: np.ndarray, u: np.ndarray, windows: Windows, rows: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the signal at an input or output port and what the effect adds to it."""
+    signal = signals[rows, placed.port.index]
+    second = placed.second_of(u[rows])
+    begin = np.searchsorted(rows, windows.first[windows.fresh])
+    changed = placed.effect.transform(signal, second, dt, np.array(placed.theta), begin)
+    return signal, np.where(acts_along(placed, windows, rows, dt), changed - signal, 0.0)
+
+
+def correction(
+    problem: Problem, model: Model, run: Run, index: int, rows: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what one effect of a model adds along its run while it acts: samples, argument, what is added.
+
+    Parameters
+    ----------
+    run : Run
+        Of the model.
+    index : int
+        Of the effect.
+    rows : ndarray of shape (n_points,)
+        Samples inside the windows, where the run is finite.
+    most : int
+        Samples that are returned at most, every so manyth of the rows.
+    """
+    simulator = problem.simulator.with_parameters(model.p).with_effects(model.effects)
+    placed = model.effects[index]
+    acts = np.flatnonzero(acts_along(placed, problem.windows, rows, simulator.dt))
+    chosen = acts[:: max(1, -(-acts.size // most))]
+    if placed.port.kind == "state":
+        argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[chosen])[index]
+        return rows[chosen], argument, added
+    others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
+    signals = problem.u if placed.port.kind == "input" else problem.run(others).y
+    argument, added = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
+    return rows[chosen], argument[chosen], added[chosen]
+
+
+def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
+    """Return the unit of what an effect adds: a state's rate (the state, in a map), an input, an output."""
+    unit = _signal(placed.port, simulator).unit
+    if placed.through >= 0:
+        return simulator.inputs[placed.through].unit
+    if placed.inertial:
+        return tidy_unit(f"{unit}/s^2") if unit else ""
+    if placed.port.kind != "state" or simulator.discrete:
+        return unit
+    return tidy_unit(f"{unit or 1}/s")
+
+
+def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
+    """Return what an effect adds to what, without the unit."""
+    if placed.through >= 0:
+        return f"added to {simulator.inputs[placed.through].name}"
+    if placed.inertial:
+        return f"added to the acceleration of {_signal(placed.port, simulator).name}"
+    rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""
+    return f"added to {rate}{_signal(placed.port, simulator).name}"
+
+
+def _signal(port: Port, simulator: Simulator) -> Signal:
+    return simulator.signals_at(port.kind)[port.index]
+
+
+def port_in_words(port: Port, simulator: Simulator) -> str:
+    """Return where a port is: "in the equation of velocity", "on the input drive"."""
+    name = _signal(port, simulator).name
+    return f"in the equation of {name}" if port.kind == "state" else f"on the {port.kind} {name}"

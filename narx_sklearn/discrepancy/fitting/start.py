@@ -1,0 +1,91 @@
+"""First guesses: initial states of the windows, and the fit of the simulator as it stands."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit_states
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, covered
+from narx_sklearn.discrepancy.simulators.structure import Structure, find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
+
+ITERATIONS = 10  # of a fit of initial states alone
+ASTRAY = 100.0  # times an output's spread, by which a run has lost the recording
+AFRESH = 1000  # times that a lost run begins anew, at most
+
+
+def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
+    """Return the states that the simulator as it stands visits along a record, (n_samples, n_states).
+
+    It runs from the first sample on. Where that run is lost (an unstable machine, held by a loop that the
+    simulator knows nothing of), it begins anew every few samples from what was measured; NaN where that is
+    lost too.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
+    whole = Windows.whole([piece for piece, _ in pieces])
+    known = simulator.known_states(u, y, whole.first)
+    x, astray = _followed(simulator, u, y, whole, np.where(np.isfinite(known), known, 0.0))
+    if not astray.any() or astray.all():  # all: what was measured is something else
+        return x
+    n_samples = int(np.sum(whole.last - whole.first))
+    windows = cut(pieces, max(shortest_window(simulator), n_samples // AFRESH), 1)
+    kept = covered(whole)[~astray]
+    near = x[kept]
+    structure = find_structure(simulator, near, u[kept])
+    middle = np.broadcast_to(np.median(near, axis=0), x.shape)
+    again, astray = _followed(
+        simulator, u, y, windows, guess_states(simulator, u, y, windows, structure, middle)
+    )
+    again[covered(windows)[astray]] = np.nan
+    return again
+
+
+def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states of a run, (n_samples, n_states), and where in its windows it is lost."""
+    run, rows = simulator.run(u, windows, x0), covered(windows)
+    spread = np.nanstd(y, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        far = np.abs(run.y - y)[rows] > ASTRAY * np.where(spread > 0, spread, np.inf)
+    return run.x, far.any(axis=1) | ~np.isfinite(run.x[rows]).all(axis=1)
+
+
+def guess_states(
+    simulator: Simulator, u, y, windows: Windows, structure: Structure, x: np.ndarray
+) -> np.ndarray:
+    """Return initial states of the windows, (n_windows, n_states).
+
+    Measured states come from the measurement, velocities of measured positions from its slope, the others
+    from a run of the simulator as it stands (``x``), or zero where that run left the finite range.
+    """
+    x0 = np.where(np.isfinite(x[windows.first]), x[windows.first], 0.0)
+    known = simulator.known_states(u, y, windows.first)
+    given = np.isfinite(known)
+    for velocity, position in enumerate(structure.partner):
+        if position < 0 or not structure.kinematic[position]:
+            continue
+        if given[:, velocity].any() or not given[:, position].any():
+            continue
+        for w, (a, b) in enumerate(zip(windows.first, windows.last, strict=True)):
+            samples = np.arange(a, min(a + 8, b))
+            measured = simulator.known_states(u, y, samples)[:, position]
+            good = np.isfinite(measured)
+            if good.sum() >= 3:
+                known[w, velocity] = np.polyfit(samples[good] * simulator.dt, measured[good], 1)[0]
+    return np.where(np.isfinite(known), known, x0)
+
+
+def fit_initial_states(problem: Problem, x0: np.ndarray) -> Fit:
+    """Fit the initial states alone, the parameters as they are.
+
+    A coarse sensor feels no small move of a state, so what effects do to the outputs comes second.
+    """
+    simulator = problem.simulator
+    model = Model(simulator.nominal, simulator.effects, x0)
+    smooth = tuple(effect for effect in simulator.effects if effect.port.kind != "output")
+    if smooth != simulator.effects:
+        smoothed = fit_states(problem, model._replace(effects=smooth), iterations=ITERATIONS)
+        model = model._replace(x0=smoothed.model.x0)
+    return fit_states(problem, model, iterations=ITERATIONS)

@@ -1,0 +1,105 @@
+"""Single samples at which a sensor failed: seen in what a refitted simulation leaves, and left out."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+
+from narx_sklearn._validation import true_runs
+from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.simulators.simulator import Signal
+
+ALONE = 2  # samples of one spike, at most
+AROUND = 3  # samples on either side of one that it is held against
+SUSPECT = 6.0  # robust standard deviations off its neighbours, from which a measured sample is looked at
+FAR = 8.0  # the same of what a simulation leaves, from which a sample is no measurement
+STANDS_OUT = 5.0  # times the range of the middle ones among its neighbours, that it must be off them
+MOST = 0.02  # share of the samples; more is no failure of single ones
+SHOWN = 5  # of them
+WITH_INPUT = 2.0  # times the usual move of an input, with which what looks like spikes goes along with it
+
+
+def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.ndarray, pieces) -> np.ndarray:
+    """Tell which samples (n_samples, n_outputs) stand alone, far off what was measured before and after.
+
+    What a machine does lasts for some samples, and what a simulation lacks does so; a loose contact need not.
+    Where samples of the record itself stand out, the decision is made on what the refitted simulation leaves.
+    None is told where they come when an input moves, or where they are many.
+
+    Parameters
+    ----------
+    left_by_refit : callable
+        Returns what the refitted simulation leaves, (n_samples, n_outputs), NaN where it was not run.
+    pieces : iterable of slice
+        Stretches without gaps.
+    """
+    pieces = list(pieces)
+    found = np.zeros(y.shape, dtype=bool)
+    suspects = [j for j in range(y.shape[1]) if _standing_out(y[:, j], pieces, SUSPECT).any()]
+    if not suspects:
+        return found
+    left = left_by_refit()
+    for j in suspects:
+        spikes = _standing_out(left[:, j], pieces, FAR)
+        if spikes.sum() <= MOST * np.isfinite(y[:, j]).sum() and not _come_with_input(spikes, u):
+            found[:, j] = spikes
+    return found
+
+
+def _standing_out(signal: np.ndarray, pieces: Iterable[slice], far: float) -> np.ndarray:
+    """Tell which samples are further off the median around them than noise and motion take others."""
+    off, spread = np.full(signal.size, np.nan), np.full(signal.size, np.nan)
+    for piece in pieces:
+        values = pd.Series(signal[piece])
+        around = values.rolling(2 * AROUND + 1, center=True, min_periods=AROUND + 1)
+        off[piece] = values - around.median()
+        # two spikes among seven do not touch these quantiles
+        spread[piece] = around.quantile(0.65) - around.quantile(0.35)
+    size = np.abs(off)
+    seen = np.isfinite(size)
+    if not seen.any():
+        return np.zeros(signal.size, dtype=bool)
+    moving = size[seen & (size > 0)]
+    usual = max(1.4826 * float(np.median(size[seen])), float(np.median(moving)) if moving.size else 0.0)
+    with np.errstate(invalid="ignore"):
+        candidates = seen & (size > far * usual) & (size > STANDS_OUT * spread)
+    return _short_runs(candidates)
+
+
+def _short_runs(mask: np.ndarray) -> np.ndarray:
+    """Return the mask without runs of more than a few samples."""
+    kept = np.zeros(mask.size, dtype=bool)
+    for a, b in true_runs(mask):
+        kept[a:b] = b - a <= ALONE
+    return kept
+
+
+def _come_with_input(spikes: np.ndarray, u: np.ndarray) -> bool:
+    """Tell whether an input moves more than usual where the spikes are, or just before."""
+    at = np.flatnonzero(spikes)
+    if not at.size:
+        return False
+    moves = np.abs(np.diff(u, axis=0, prepend=u[:1]))
+    for column in np.nan_to_num(moves).T:
+        latest = np.maximum(column, np.concatenate([[0.0], column[:-1]]))
+        if latest.mean() > 0 and latest[at].mean() > WITH_INPUT * latest.mean():
+            return True
+    return False
+
+
+def spikes_as_findings(spikes: np.ndarray, outputs: Sequence[Signal]) -> list[DataFinding]:
+    """Return a finding for each output with spikes (n_samples, n_outputs)."""
+    found = []
+    for column, signal in zip(spikes.T, outputs, strict=True):
+        at = np.flatnonzero(column)
+        if at.size:
+            first = ", ".join(map(str, at[:SHOWN])) + (", ..." if at.size > SHOWN else "")
+            found.append(
+                DataFinding(
+                    "spikes",
+                    f"{at.size} samples of {signal.name} stand alone, far off those before and after "
+                    f"({first}): a sensor or a line that fails for a moment. They were taken as missing.",
+                    {"output": signal.name, "count": int(at.size), "samples": at.tolist()},
+                )
+            )
+    return found

@@ -1,0 +1,333 @@
+"""A force of unknown shape: what physics outside the catalogue would look like.
+
+A broken line through a few knots competes with the named effects at every port; in state equations a power
+does; wherever something moves, a polynomial in position and rate does, and one in which an input's gain
+depends on them. When one explains clearly more than any of the names, something is missing that has none,
+and its curve is already drawn.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.hypotheses import Argument, Hypothesis, arguments, placed_at, weights_of
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.physics.effects import Effect, EffectParameter, Power, no_start
+from narx_sklearn.physics.effects._series import time_since
+
+KNOTS = 7  # of a broken line
+CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
+LINE, PULSE = "unnamed_line", "unnamed_pulse"
+ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
+UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, ODD_POWER, EVEN_POWER)
+TITLES = {
+    CURVE: "a curve that the catalogue does not hold",
+    SURFACE: "a force of position and rate that the catalogue does not hold",
+    DRIVEN: "a law of position, rate and input that the catalogue does not hold",
+    LINE: "a parameter that changed",
+    PULSE: "a parameter that pulsates",
+    ODD_POWER: "a power that the catalogue does not hold",
+    EVEN_POWER: "a power that the catalogue does not hold",
+}
+SENTENCES = {
+    CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
+    SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
+    DRIVEN: "What is moved here takes up its forces in another way at another position or rate, as where its "
+    "inertia changes.",
+    LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
+    PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
+    "parameter pulsated. When it does is known for this recording only.",
+    ODD_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
+    EVEN_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
+}
+POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
+HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
+MONOMIALS = {"x2": "x^2", "xv": "x v", "v2": "v^2", "x3": "x^3", "x2v": "x^2 v", "xv2": "x v^2", "v3": "v^3"}
+OF_INPUT = {"ux": "u x", "ux2": "u x^2", "uv": "u v", "uv2": "u v^2"}
+TERMS = {SURFACE: MONOMIALS, DRIVEN: MONOMIALS | OF_INPUT}  # of a polynomial, by the names of coefficients
+
+
+@njit(nogil=True, cache=True)
+def _broken_line(value, theta):
+    """Return the broken line through (knot_i, theta_i), constant beyond the ends."""
+    low, high = theta[KNOTS], theta[KNOTS + 1]
+    place = (value - low) / (high - low) * (KNOTS - 1)
+    if not place > 0:
+        return theta[0]
+    if place >= KNOTS - 1:
+        return theta[KNOTS - 1]
+    i = int(place)
+    return theta[i] + (place - i) * (theta[i + 1] - theta[i])
+
+
+@njit(nogil=True, cache=True)
+def _surface(argument, rate, own, second, time, step, z, theta, dz):
+    """Return the polynomial of second and third degree in position and rate, in units of their sizes."""
+    return _polynomial(argument / theta[7], rate / theta[8], theta)
+
+
+@njit(nogil=True, cache=True)
+def _driven_surface(argument, rate, own, second, time, step, z, theta, dz):
+    """Return the same, and an input's gain of second degree in position and rate."""
+    x, v, u = argument / theta[11], rate / theta[12], second / theta[13]
+    gain = theta[7] * x + theta[8] * x * x + theta[9] * v + theta[10] * v * v
+    return _polynomial(x, v, theta) + gain * u
+
+
+@njit(nogil=True, cache=True)
+def _polynomial(x, v, theta):
+    squares = theta[0] * x * x + theta[1] * x * v + theta[2] * v * v
+    return squares + theta[3] * x**3 + theta[4] * x * x * v + theta[5] * x * v * v + theta[6] * v**3
+
+
+@njit(nogil=True, cache=True)
+def _force(argument, rate, own, second, time, step, z, theta, dz):
+    return _broken_line(argument, theta)
+
+
+def _transform(signal, second, dt, theta, first):
+    knots = np.linspace(theta[KNOTS], theta[KNOTS + 1], KNOTS)
+    return signal + np.interp(signal, knots, theta[:KNOTS])
+
+
+@njit(nogil=True, cache=True)
+def _proportional(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * argument
+
+
+def _gained(signal, second, dt, theta, first):
+    return signal * (1.0 + theta[0])
+
+
+@njit(nogil=True, cache=True)
+def _pulsating(argument, rate, own, second, time, step, z, theta, dz):
+    turned = 2.0 * np.pi * theta[2] * time
+    return (theta[0] * np.cos(turned) + theta[1] * np.sin(turned)) * argument
+
+
+def _pulsated(signal, second, dt, theta, first):
+    turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
+    return signal * (1.0 + theta[0] * np.cos(turned) + theta[1] * np.sin(turned))
+
+
+@njit(nogil=True, cache=True)
+def _odd_power(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * np.sign(argument) * np.abs(argument / theta[2]) ** theta[1]
+
+
+@njit(nogil=True, cache=True)
+def _even_power(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * np.abs(argument / theta[2]) ** theta[1]
+
+
+def placed_powers(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[PlacedEffect]:
+    """Return a force that goes as a power, for each state equation and argument that moves, either way."""
+    found = []
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for argument in _moving(i, simulator, structure):
+            size = np.abs(x @ np.array(argument.weights)).max()
+            if not size > 0:
+                continue
+            for power in (Power(3.0, odd=True), Power(2.0, odd=False)):
+                placed = placed_at(power_effect(power, size), Port("state", i), argument)
+                found.append(placed.at((0.0, power.exponent, size, *[placed.share] * placed.reacts)))
+    return found
+
+
+def power_effect(power: Power, size: float) -> Effect:
+    """Return a force that goes as a power, as strong as it says where its argument has a size."""
+    code = ODD_POWER if power.odd else EVEN_POWER
+    return Effect(
+        code=code,
+        title=TITLES[code],
+        sentence=SENTENCES[code],
+        equation="a sgn(x) |x / size|^n" if power.odd else "a |x / size|^n",
+        parameters=(
+            EffectParameter("a", "{port}"),
+            EffectParameter("n", "-", *POWERS),
+            EffectParameter("size", "{arg}", size, size),
+        ),
+        starts=no_start,
+        force=_odd_power if power.odd else _even_power,
+    )
+
+
+def with_free_power(placed: PlacedEffect, power: Power, size: float) -> PlacedEffect:
+    """Return the law of an effect that goes as a power, with that power free, for an argument of a size."""
+    effect, theta = placed.effect, np.array(placed.theta)
+    strength = effect.force(size, 0.0, 0.0, 0.0, 0.0, 1.0, np.zeros(1), theta, np.zeros(1))
+    onward = placed.theta[len(effect.parameters) :]
+    freed = replace(placed, effect=power_effect(power, size), limits=())
+    return freed.at((strength, power.exponent, size, *onward))
+
+
+def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:
+    """Return a force in proportion to a signal, for each port and argument.
+
+    One that always acts is a matter of the simulator's own parameters; for a while, it is a change of them.
+    """
+    return [
+        _unnamed(LINE, "k x", ["k"], (), _proportional, port, argument, unit)
+        for port, argument, unit in _proportions(simulator, structure)
+    ]
+
+
+def pulse_hypotheses(simulator: Simulator, structure: Structure, frequencies: tuple[float, float]):
+    """Return a force in proportion to a signal that comes and goes, for each port and argument.
+
+    Parameters
+    ----------
+    frequencies : (float, float)
+        Between which it does, Hz; it begins in the middle.
+    """
+    frequency = (EffectParameter("f", "Hz", *frequencies),)
+    equation = "(a cos(2 pi f t) + b sin(2 pi f t)) x"
+    return [
+        _unnamed(PULSE, equation, ["a", "b"], frequency, _pulsating, port, argument, unit)
+        for port, argument, unit in _proportions(simulator, structure)
+    ]
+
+
+def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, str]]:
+    """Yield what a force in proportion may be in proportion to, with its port and the factor's unit."""
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
+        yield Port("input", i), Argument((), *simulator.inputs[i]), "-"
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for argument in _moving(i, simulator, structure):
+            yield Port("state", i), argument, "{port}/({arg})"
+
+
+def _moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
+    """Yield all that a force in state equation ``i`` may depend on, each once."""
+    seen = set()
+    for kind in ("own", "position", "any"):
+        for argument in arguments(kind, i, simulator, structure):
+            if argument.weights not in seen:
+                seen.add(argument.weights)
+                yield argument
+
+
+def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
+    """Return an unnamed curve for each port and argument, its knots spread over what the run visits."""
+    found = []
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
+        found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
+    for i, signal in enumerate(simulator.outputs):
+        found.append(_at(Port("output", i), Argument((), *signal), y[:, i]))
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        port = Port("state", i)
+        for argument in _moving(i, simulator, structure):
+            found.append(_at(port, argument, x @ np.array(argument.weights)))
+        if structure.partner[i] >= 0:
+            for argument in arguments("position", i, simulator, structure):
+                position = x @ np.array(argument.weights)
+                found.append(_of_motion(port, argument, position, simulator.dt))
+                for j in np.flatnonzero(structure.inputs[i]).tolist():
+                    found.append(_driven(port, argument, position, simulator, j, u[:, j]))
+    return [hypothesis for hypothesis in found if hypothesis is not None]
+
+
+def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:
+    values = values[np.isfinite(values)]
+    if values.size == 0 or np.ptp(values) <= 0:
+        return None
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high > low:
+        return None
+    fixed = (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
+    names = [f"f{i + 1}" for i in range(KNOTS)]
+    return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, argument)
+
+
+def _of_motion(port: Port, argument: Argument, position: np.ndarray, dt: float) -> Hypothesis | None:
+    sizes = _sizes_of_motion(position, dt)
+    if not min(sizes) > 0:
+        return None
+    equation = "f(x, v), of second and third degree"
+    return _unnamed(SURFACE, equation, MONOMIALS, _fixed(sizes), _surface, port, argument)
+
+
+def _driven(
+    port: Port, argument: Argument, position: np.ndarray, simulator: Simulator, j: int, drive: np.ndarray
+) -> Hypothesis | None:
+    finite = np.abs(drive[np.isfinite(drive)])
+    sizes = *_sizes_of_motion(position, simulator.dt), float(finite.max(initial=0.0))
+    if not min(sizes) > 0:
+        return None
+    equation = "f(x, v) + u g(x, v), of second and third degree"
+    found = _unnamed(
+        DRIVEN, equation, (*MONOMIALS, *OF_INPUT), _fixed(sizes), _driven_surface, port, argument
+    )
+    name, unit = simulator.inputs[j]
+    weights = weights_of(len(simulator.inputs) + len(simulator.states), {j: 1.0})
+    driven = replace(found.placed, second=weights, second_name=name, second_unit=unit)
+    return found._replace(placed=driven)
+
+
+def without_terms(placed: PlacedEffect, dropped: Collection[int]) -> PlacedEffect:
+    """Return a polynomial with some of its terms dropped for good; its equation tells those left.
+
+    Where none is left with the input, it is one of position and rate.
+    """
+    terms = TERMS[placed.effect.code]
+    kept = {name: power for j, (name, power) in enumerate(terms.items()) if j not in dropped}
+    if placed.effect.code == DRIVEN and not kept.keys() & OF_INPUT.keys():
+        placed = _without_input(placed)
+    signals = "x, v and u" if placed.effect.code == DRIVEN else "x and v"
+    equation = " + ".join(f"{name} {power}" for name, power in kept.items())
+    effect = replace(placed.effect, equation=f"{equation}, {signals} over their sizes")
+    gone = [j for j in dropped if j < len(TERMS[placed.effect.code])]
+    return replace(placed, effect=effect).with_zeros(gone)
+
+
+def _without_input(placed: PlacedEffect) -> PlacedEffect:
+    """Return a polynomial in position, rate and input without the input."""
+    n, n_of_input = len(MONOMIALS), len(OF_INPUT)
+    sizes = placed.theta[n + n_of_input :][:2]
+    effect = _law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
+    rest = placed.theta[len(placed.effect.parameters) :]
+    alone = replace(placed, effect=effect, second=(), second_name="", second_unit="", limits=())
+    return alone.at((*placed.theta[:n], *sizes, *rest))
+
+
+def _sizes_of_motion(position: np.ndarray, dt: float) -> tuple[float, float]:
+    speed = np.abs(np.diff(position[np.isfinite(position)])) / dt
+    return float(np.ptp(position)) / 2, float(np.quantile(speed, 0.98)) if speed.size else 0.0
+
+
+def _fixed(sizes: tuple[float, ...]) -> tuple[EffectParameter, ...]:
+    kinds = ("size of x", "{arg}"), ("size of v", "{arg}/s"), ("size of u", "{second}")
+    return tuple(
+        EffectParameter(name, unit, size, size) for (name, unit), size in zip(kinds, sizes, strict=False)
+    )
+
+
+def _unnamed(
+    code: str, equation: str, names, fixed, force, port: Port, argument: Argument, unit: str = "{port}"
+) -> Hypothesis:
+    """Return the hypothesis of a force that is linear in its named coefficients; others keep their bounds."""
+    n = len(names)
+    placed = placed_at(_law(code, equation, names, fixed, force, unit), port, argument)
+    scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
+    starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
+    begun = placed.at(np.r_[np.zeros(n), scale])
+    return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
+
+
+def _law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
+    transforms = {CURVE: _transform, LINE: _gained, PULSE: _pulsated}
+    return Effect(
+        code=code,
+        title=TITLES[code],
+        sentence=SENTENCES[code],
+        equation=equation,
+        parameters=(*(EffectParameter(name, unit) for name in names), *fixed),
+        starts=no_start,  # they are told where it is placed, not taken from a setting
+        force=force,
+        transform=transforms.get(code),
+        amplitude=None,
+    )

@@ -1,0 +1,180 @@
+"""How sure: intervals of the parameters, and whether they moved at all."""
+
+import math
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import chi2, norm
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import ALIKE, SMALL, Fit, all_bounds
+from narx_sklearn.discrepancy.search.bank import Bank
+from narx_sklearn.discrepancy.search.detect import block_length, blocks_of, detect
+
+FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
+UNFELT = 1e-3  # noise deviations by which runs change with the ordinary size of what is zero, if it is told
+LARGE_PART = 0.3  # of a direction of unit length
+TAKES_PART = 0.01  # of the relative change of parameters along such a direction
+
+
+def covariance(problem: Problem, fit: Fit) -> np.ndarray:
+    """Return the covariance of the global parameters, robust to what the noise model leaves.
+
+    Short blocks of whitened samples are the independent units (a sandwich over blocks); the residual is
+    scaled for the parameters and initial states that were fitted to it. Where parameters do the same thing
+    (a stiffness, and the reference of an effect that acts like one), what they do together is what is sure.
+    """
+    J, r = fit.jacobian, fit.residual
+    n = J.shape[2]
+    if n == 0:
+        return np.zeros((0, 0))
+    n_outputs = problem.y.shape[1]
+    flat = J.reshape(-1, n)
+    size = np.linalg.norm(flat, axis=0)
+    size[size == 0] = 1.0
+    bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=ALIKE, hermitian=True)
+    length = block_length(r.shape[0], r.shape[1] // n_outputs)
+    scores = blocks_of(J * r[:, :, None], n_outputs, length) / size
+    fitted = n + problem.n_initial
+    factor = problem.n_seen / max(problem.n_seen - fitted, 1)
+    robust = bread @ (scores.T @ scores) @ bread * factor
+    plain = bread * fit.cost / max(problem.n_seen - fitted, 1)
+    # with few blocks a sandwich can come out too thin; it never goes below what white noise would give
+    scale = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    return robust * np.outer(scale, scale) / np.outer(size, size)
+
+
+def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
+    """Return confidence intervals of the global parameters, (n_q, 2), as far as their bounds allow.
+
+    Of what the record does not show, the interval is all that it may be. When something happened once is told
+    by what the record leaves with it earlier or later, in steps of half a sample.
+    """
+    q = fit.model.q
+    error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
+    silent = (q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
+    width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
+    domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
+    width[np.ptp(all_bounds(problem, fit.model), axis=1) == 0] = 0.0  # held there
+    rows = np.column_stack([q - width, q + width])
+    for effect, own in zip(fit.model.effects, fit.model.theirs, strict=True):
+        for index in effect.effect.instants:
+            rows[own.start + index] = _earliest_and_latest(problem, fit, own.start + index, level)
+    return np.clip(rows, domain[:, :1], domain[:, 1:])
+
+
+def _earliest_and_latest(problem: Problem, fit: Fit, index: int, level: float) -> tuple[float, float]:
+    """Return between which times something may have happened, all else as it is."""
+    step = 0.5 * problem.simulator.dt
+    lower, upper = all_bounds(problem, fit.model)[index]
+    most = fit.cost + chi2.ppf(level, 1) * fit.cost / problem.n_seen
+
+    def fits(n_steps: int) -> bool:
+        q = fit.model.q
+        q[index] += n_steps * step
+        return (
+            lower <= q[index] <= upper
+            and np.sum(problem.residual(problem.run(fit.model.with_q(q))) ** 2) <= most
+        )
+
+    ends = []
+    for way in (-1, 1):
+        n, within = 1, 0
+        while n < problem.rows.size and fits(way * n):  # twice as far each time
+            n, within = 2 * n, n
+        while n - within > 1:
+            middle = (n + within) // 2
+            n, within = (n, middle) if fits(way * middle) else (middle, within)
+        ends.append(fit.model.q[index] + way * within * step)
+    return ends[0], ends[1]
+
+
+def untold(fit: Fit) -> np.ndarray:
+    """Return directions in which global parameters may move together and nothing is noticed, (n, n_q).
+
+    They are orthonormal in relative changes: masses and forces, say, all larger by one factor. A parameter
+    whose own change by all of itself is lost in the noise is not among them.
+    """
+    flat = fit.jacobian.reshape(-1, fit.model.q.size)
+    size, felt = np.linalg.norm(flat, axis=0), _felt_alone(fit)
+    heard = felt > 1.0
+    if not heard.any():
+        return np.zeros((0, size.size))
+    flat = flat[:, heard] / size[heard]
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    silent = vectors[:, values < ALIKE * values.max()] / felt[heard][:, None]
+    directions = np.zeros((silent.shape[1], size.size))
+    directions[:, heard] = np.linalg.qr(silent)[0].T
+    return directions
+
+
+def lost_together(problem: Problem, fit: Fit, own: slice) -> list[int]:
+    """Return which parameters of an effect may be off by more than themselves, as others make up for it.
+
+    Counted from the effect's first; none where all are told, or only one is not.
+    """
+    for group in told_together(untold(fit)):  # which the covariance leaves out
+        if group[0] >= own.start and group[-1] < own.stop:
+            return [index - own.start for index in group]
+    q = fit.model.q[own]
+    some = np.flatnonzero(q)
+    relative = covariance(problem, fit)[own, own][np.ix_(some, some)] / np.outer(q[some], q[some])
+    if some.size < 2 or not np.all(np.isfinite(relative)):
+        return []
+    values, vectors = np.linalg.eigh(relative)
+    part = np.flatnonzero(np.abs(vectors[:, -1]) > LARGE_PART)
+    return some[part].tolist() if values[-1] > 1.0 and part.size > 1 else []
+
+
+def _felt_alone(fit: Fit) -> np.ndarray:
+    """Return by how many noise deviations the runs change with all of each global parameter, (n_q,).
+
+    Of one that is zero, with its ordinary size.
+    """
+    flat = fit.jacobian.reshape(-1, fit.model.q.size)
+    return np.linalg.norm(flat, axis=0) * (np.abs(fit.steps) / SMALL)
+
+
+def told_together(directions: np.ndarray) -> list[list[int]]:
+    """Return groups of parameters that move together along `untold` directions."""
+    joint = np.abs(directions.T @ directions) > TAKES_PART
+    _, group = connected_components(joint, directed=False)
+    found = (np.flatnonzero((group == g) & np.diag(joint)).tolist() for g in np.unique(group))
+    return [members for members in found if len(members) > 1]
+
+
+def confidence_in_nothing(p_value: float) -> float:
+    r"""Return the least probability, after a test, that there is nothing, at even odds before it.
+
+    .. math:: \left(1 + \frac{1}{-e\, p \ln p}\right)^{-1}, \qquad p < 1/e
+
+    A p-value speaks no more against it than that (Sellke, Bayarri and Berger 2001, The American Statistician
+    55(1), eq. 3); a larger one leaves the odds as they were.
+    """
+    p_value = max(p_value, 1e-300)
+    factor = -math.e * p_value * np.log(p_value) if p_value < 1 / math.e else 1.0
+    return float(factor / (1.0 + factor))
+
+
+def parameters_moved(problem: Problem, fit: Fit, refitted: Fit, random_state=None) -> float:
+    """Return the p-value of the test that the nominal parameters are right, from the fit made with them.
+
+    Where the refitted ones leave far less, the ratio of likelihoods decides: tangents tell little from afar.
+    """
+    if fit.cost > FAR * refitted.cost:
+        return float(chi2.sf(problem.n_seen * np.log(fit.cost / refitted.cost), refitted.model.p.size))
+    columns, residual = fit.jacobian, fit.residual
+    flat = columns.reshape(-1, columns.shape[2])
+    gram = flat.T @ flat
+    n = columns.shape[2]
+    none = np.zeros(n, dtype=int)
+    bank = Bank([], none, none, columns, residual, gram, flat.T @ residual.ravel(), np.diag(gram) > 0)
+    found = detect(
+        bank,
+        np.ones(n, dtype=bool),
+        n_outputs=problem.y.shape[1],
+        n_samples=problem.n_seen,
+        n_fitted=problem.n_initial,
+        random_state=random_state,
+    )
+    return float(found.p_values.min(initial=1.0))

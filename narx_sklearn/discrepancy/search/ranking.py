@@ -1,0 +1,156 @@
+"""What takes most off the cost, to first order: single effects, and pairs of which neither shows alone."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.bank import Bank
+from narx_sklearn.discrepancy.search.confirm import LOAD, OFFSET
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT, Detection
+
+STARTS = 2  # of one leader that are tried
+MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps has many valleys
+NEARLY = 0.3  # share of the gain of its best start that another one must have
+LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
+APART = 0.01  # share of a column's square that another must leave, for the two to be told apart
+
+
+class Gains(NamedTuple):
+    """What each column would take off the cost at its best strength."""
+
+    gain: np.ndarray  # (n_columns,) zero where the sign is not physical
+    strength: np.ndarray  # (n_columns,)
+
+
+class Pair(NamedTuple):
+    """Columns of two effects, their strengths beside each other, and what they take off the cost together."""
+
+    columns: tuple[int, int]
+    strengths: tuple[float, float]
+    gain: float
+
+    def places(self, bank: Bank) -> tuple[tuple, ...]:
+        """Return what the two effects are and where they act."""
+        return tuple(bank.hypotheses[bank.owner[j]].placed.place for j in self.columns)
+
+    def effects(self, bank: Bank) -> tuple[PlacedEffect, ...]:
+        """Return the two effects, each at its strength."""
+        return tuple(
+            scaled(bank, j, strength) for j, strength in zip(self.columns, self.strengths, strict=True)
+        )
+
+
+def gains(bank: Bank) -> Gains:
+    """Return each column's gain, physical signs respected."""
+    length = np.diag(bank.gram)
+    safe = np.where(bank.useful & (length > 0), length, 1.0)
+    strength = np.where(bank.useful, bank.plain / safe, 0.0)
+    gain = np.where(bank.useful, bank.plain**2 / safe, 0.0)
+    return Gains(np.where(_within(strength, _strengths(bank)), gain, 0.0), strength)
+
+
+def _strengths(bank: Bank) -> np.ndarray:
+    """Return the least and the largest physical strength of each column, (2, n_columns)."""
+    limits = np.empty((2, bank.n_columns))
+    for j, (h, s) in enumerate(zip(bank.owner, bank.start, strict=True)):
+        placed, start = bank.hypotheses[h].placed, bank.hypotheses[h].starts[s]
+        amplitude = placed.amplitude
+        if amplitude is None:
+            limits[:, j] = 0.0, np.inf
+        elif start[amplitude]:
+            limits[:, j] = sorted(placed.bounds[amplitude] / start[amplitude])
+        else:
+            limits[:, j] = np.inf, -np.inf
+    return limits
+
+
+def _within(strength: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    return (strength >= limits[0]) & (strength <= limits[1]) & (strength != 0)
+
+
+def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
+    """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
+
+    Where no parameter scales an effect, the last of its starts is the one that is best as it stands.
+    """
+    gain, strength = gains(bank)
+    scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
+    best: dict[int, list[int]] = {}
+    for j in np.argsort(-gain, kind="stable"):
+        if gain[j] <= 0:
+            break
+        if not bank.hypotheses[bank.owner[j]].asked:
+            continue
+        if _speaking_for(bank.placed(j), detection, scanned) > alpha:
+            continue  # the test that speaks for this kind of effect was silent
+        best.setdefault(int(bank.owner[j]), []).append(int(j))
+    found = []
+    for h, columns in list(best.items())[:n]:
+        hypothesis = bank.hypotheses[h]
+        most = max(STARTS, len(hypothesis.starts) // MANY)
+        chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
+        if hypothesis.placed.amplitude is None and len(chosen) == most:
+            chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
+        found += [scaled(bank, j, strength[j]) for j in dict.fromkeys(chosen)]
+    return found
+
+
+def scaled(bank: Bank, column: int, strength: float) -> PlacedEffect:
+    """Return the effect behind a column at a strength, where it has one."""
+    placed = bank.placed(column)
+    theta = np.array(placed.theta)
+    if placed.amplitude is not None:
+        theta[placed.amplitude] *= strength
+    return placed.at(np.clip(theta, placed.bounds[:, 0], placed.bounds[:, 1]))
+
+
+def with_pushes(bank: Bank, n: int) -> list[PlacedEffect]:
+    """Return the hypotheses with the largest gains, and every constant push and offset.
+
+    Where little moves, or far from where a machine is, all effects are pushes, and those with more values may
+    stand before them.
+    """
+    placed = leaders(bank, len(bank.hypotheses), NONE_SILENT, 1.0)
+    first = set(list(dict.fromkeys(effect.place for effect in placed))[:n])
+    return [e for e in placed if e.place in first or e.effect.code in (LOAD, OFFSET)]
+
+
+def _speaking_for(placed: PlacedEffect, detection: Detection, scanned: set[str]) -> float:
+    """Return the p-value of the test that can see such an effect, or what looks like it."""
+    if placed.effect.code in LINES:
+        return detection.p_line
+    if scanned & {placed.effect.code, *placed.effect.lookalikes}:
+        return min(detection.p_bank, detection.p_scan)
+    return detection.p_bank
+
+
+def pairs(bank: Bank) -> list[Pair]:
+    """Return what the best of each two hypotheses take off the cost together, most first.
+
+    Two effects of which each undoes much of the other (a dead zone, and a friction that holds what is let
+    go) take little alone, so that no search that adds the best one after another meets them.
+    """
+    named = np.array([h.asked and not h.placed.odd for h in bank.hypotheses], dtype=bool)
+    used = np.flatnonzero(bank.useful & (np.diag(bank.gram) > 0) & named[bank.owner])
+    gram, plain, owner = bank.gram[np.ix_(used, used)], bank.plain[used], bank.owner[used]
+    limits, length = _strengths(bank)[:, used], np.diag(gram)
+    found: list[Pair] = []
+    for h in np.unique(owner)[:-1]:
+        mine, others = np.flatnonzero(owner == h), np.flatnonzero(owner > h)
+        common, across, along = gram[np.ix_(mine, others)], length[mine, None], length[others]
+        determinant = across * along - common**2
+        apart = determinant > APART * across * along
+        safe = np.where(apart, determinant, 1.0)
+        one = (plain[mine, None] * along - plain[others] * common) / safe
+        other = (plain[others] * across - plain[mine, None] * common) / safe
+        physical = _within(one, limits[:, mine, None]) & _within(other, limits[:, None, others])
+        gain = np.where(apart & physical, plain[mine, None] * one + plain[others] * other, 0.0)
+        for partner in np.unique(owner[others]):
+            of_partner = np.flatnonzero(owner[others] == partner)
+            i, k = np.unravel_index(np.argmax(gain[:, of_partner]), (mine.size, of_partner.size))
+            j = of_partner[k]
+            if gain[i, j] > 0 and bank.hypotheses[h].placed.place != bank.hypotheses[partner].placed.place:
+                columns = int(used[mine[i]]), int(used[others[j]])
+                found.append(Pair(columns, (one[i, j], other[i, j]), gain[i, j]))
+    return sorted(found, key=lambda pair: -pair.gain)

@@ -1,0 +1,118 @@
+"""Other valleys of the cost: values round those that a fit came to, for effects whose cost has many."""
+
+import numpy as np
+from scipy.stats import qmc
+
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.bank import directions, off
+
+OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
+FARTHEST = 8  # samples by which an end of what happened once is moved in each round
+IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
+FITTED = 3  # values from which a fit goes on
+ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
+
+
+def other_valleys(problem: Problem, found: Fit) -> Fit:
+    """Return a fit, or a better one from other values of its last effect.
+
+    What holds and jumps changes the cost in steps, and a fit stays near its start. What each value would
+    leave is told from one run, all else refitted on the tangents at hand; the best few are fitted, first
+    with the values held.
+    """
+    for octaves in OCTAVES:
+        before = found
+        last = before.model.effects[-1]
+        others = directions(before.jacobian[:, :, : before.model.q.size - last.n_theta])
+        tried = _tried_round(problem, last, octaves)
+        models = [_with_last(before.model, last.at(theta)) for theta in tried]
+        left = np.array([_left_by(problem, before, others, model) for model in models])
+        for i in np.argsort(left, kind="stable")[:FITTED]:
+            if np.isfinite(left[i]):
+                found = min(found, _settled(problem, models[i]), key=lambda f: f.cost)
+    return found
+
+
+def may_lie_elsewhere(placed: PlacedEffect) -> bool:
+    """Tell whether other values of an effect are worth a try, since its cost has no slope towards them."""
+    return bool(placed.effect.valleys or placed.effect.instants or _limits_an_input(placed))
+
+
+def _limits_an_input(placed: PlacedEffect) -> bool:
+    return bool(placed.effect.levels) and placed.port.kind == "input"
+
+
+def _tried_round(problem: Problem, placed: PlacedEffect, octaves: float) -> np.ndarray:
+    if placed.effect.instants:
+        return moved_in_time(placed, problem.simulator.dt)
+    if _limits_an_input(placed):
+        return levels_in_sight(placed, problem.u[problem.rows[problem.inside], placed.port.index])
+    return spread_round(placed, octaves)
+
+
+def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
+    """Return values spread evenly (Halton 1960) round an effect's, within octaves or a share of its range.
+
+    Those beyond an end of the range stand at it. Where a memory begins a fit finds by itself.
+    """
+    n, theta, bounds = placed.effect.valleys, np.array(placed.theta), placed.bounds
+    moving = np.arange(theta.size) != placed.effect.begin
+    points = np.full((n, theta.size), 0.5)
+    even = qmc.Halton(int(moving.sum()), scramble=False)
+    points[:, moving] = even.random(n + 1)[1:]  # the first is a corner
+    lower, upper = bounds.T
+    ranged = np.isfinite(lower) & np.isfinite(upper)
+    width = np.where(ranged, octaves * (upper - lower), 0.0)
+    moved = np.where(
+        ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
+    )
+    return np.clip(moved, lower, upper)
+
+
+def levels_in_sight(placed: PlacedEffect, signal: np.ndarray) -> np.ndarray:
+    """Return values with a level that lies beyond a signal within its range; none where none lies beyond.
+
+    What is never reached has no slope, by which a fit could find back.
+    """
+    low, high = placed.effect.levels
+    shares = np.array(IN_SIGHT)
+    tried = np.tile(placed.theta, (2 * shares.size, 1))
+    tried[: shares.size, low] = np.quantile(signal, shares)
+    tried[shares.size :, high] = np.quantile(signal, 1 - shares)
+    least, most = placed.theta[low] < signal.min(), placed.theta[high] > signal.max()
+    tried = tried[np.repeat([least, most], shares.size)]
+    return tried[tried[:, low] < tried[:, high]]
+
+
+def moved_in_time(placed: PlacedEffect, dt: float) -> np.ndarray:
+    """Return values with the beginning, or the end, of what happened once some samples earlier or later.
+
+    None where the record itself tells both.
+    """
+    begin, duration = placed.effect.instants or (0, 0)
+    steps = dt * np.delete(np.arange(-FARTHEST, FARTHEST + 1), FARTHEST)
+    moved = np.tile(placed.theta, (2 * steps.size, 1))
+    moved[: steps.size, begin] += steps
+    moved[: steps.size, duration] -= steps
+    moved[steps.size :, duration] += steps
+    lower, upper = placed.bounds.T
+    return moved[((lower <= moved) & (moved <= upper)).all(axis=1) & (moved[:, duration] > 0)]
+
+
+def _settled(problem: Problem, model: Model) -> Fit:
+    own, begin = model.theirs[-1], model.effects[-1].effect.begin
+    all_else = np.arange(model.q.size) < own.start
+    if begin is not None:
+        all_else[own.start + begin] = True
+    return fit(problem, fit(problem, model, free=all_else, iterations=ALL_ELSE).model, iterations=SETTLED)
+
+
+def _with_last(model: Model, effect: PlacedEffect) -> Model:
+    return model._replace(effects=(*model.effects[:-1], effect))
+
+
+def _left_by(problem: Problem, found: Fit, others: np.ndarray, model: Model) -> float:
+    residual = found.projector(problem.residual(problem.run(model)))
+    return float(np.sum(off(others, residual) ** 2)) if np.isfinite(residual).all() else np.inf

@@ -1,0 +1,488 @@
+"""What a simulator is: something that is stepped, with ports at which missing physics may enter."""
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from copy import copy
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from narx_sklearn._validation import finite_rows, finite_slices, session_slices, split_unit
+from narx_sklearn.discrepancy.columns import read_columns
+from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
+from narx_sklearn.discrepancy.simulators.kernels import (
+    MAX_EFFECTS,
+    MAX_MEMORY,
+    MAX_THETA,
+    SPILL,
+    equation_address,
+    force_address,
+    simulate_windows,
+    write_values,
+)
+from narx_sklearn.discrepancy.simulators.switches import Switches
+from narx_sklearn.exceptions import DivergenceWarning
+
+
+class Signal(NamedTuple):
+    """A named quantity with its unit."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def parse(cls, label: str) -> "Signal":
+        """Read ``"position [m]"``."""
+        name, unit = split_unit(label)
+        return cls(name, unit or "")
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+class Parameter(NamedTuple):
+    """A parameter of a simulator: nominal value and physical bounds."""
+
+    name: str
+    unit: str
+    value: float
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+class Windows(NamedTuple):
+    """Stretches of a record that are run each from its own initial state, in order of time."""
+
+    first: np.ndarray  # (n_windows,) first sample
+    last: np.ndarray  # (n_windows,) one past the last sample
+    fresh: np.ndarray  # (n_windows,) bool: nothing is carried over from the window before
+    began: np.ndarray  # (n_windows,) first sample of the session
+
+    @property
+    def count(self) -> int:  # type: ignore[override]
+        """Number of windows."""
+        return self.first.size
+
+    @property
+    def length(self) -> int:
+        """How many samples a window has, the median."""
+        return int(np.median(self.last - self.first))
+
+    @classmethod
+    def whole(cls, pieces: Sequence[slice]) -> "Windows":
+        """Return one window a piece."""
+        first = np.array([piece.start for piece in pieces], dtype=np.int64)
+        last = np.array([piece.stop for piece in pieces], dtype=np.int64)
+        return cls(first, last, np.ones(first.size, dtype=bool), first)
+
+
+class Run(NamedTuple):
+    """A simulation: outputs, states and the states of the effects at every sample."""
+
+    y: np.ndarray  # (n_samples, n_outputs); NaN outside the windows and after the finite range was left
+    x: np.ndarray  # (n_samples, n_states)
+    z: np.ndarray  # (n_samples, n_forces * MAX_MEMORY)
+    failed: int  # first sample outside the finite range, -1 when there is none
+
+
+class Simulator(ABC):
+    """Base of all simulators: signals, parameters, effects, and the run over windows.
+
+    A subclass gives ``_equations()``: the compiled right-hand side and output, both
+    ``(x, u, p, written)``, where an output that ``sees_rates`` has them after the states in ``x``. Everything
+    else is here.
+    """
+
+    dt: float
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    effects: tuple[PlacedEffect, ...] = ()
+    substeps: int = 1
+    linear_hold: bool = False
+    discrete: bool = False
+    sees_rates: bool = False
+
+    @abstractmethod
+    def _equations(self) -> tuple[Any, Any]:
+        """Return the compiled right-hand side and output."""
+
+    @property
+    def switches(self) -> Switches:
+        """Where the equations jump: nowhere that is known of, but for equations in continuous time."""
+        return Switches.none(len(self.states))
+
+    def _coefficients(self, p: np.ndarray) -> np.ndarray:
+        """Return what the equations read where parameters are ``p``: the parameters, but for stand-ins."""
+        return p
+
+    @property
+    def free_states(self) -> np.ndarray:
+        """Which initial states are unknown, shape (n_states,); the others follow from measured signals."""
+        return np.ones(len(self.states), dtype=bool)
+
+    def known_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray, began=None) -> np.ndarray:
+        """Return a guess of the states at the given samples, shape (n, n_states); NaN where there is none.
+
+        ``began`` is the first sample of the session of each, by default that of the record. States that are
+        not free must be given exactly.
+        """
+        return np.full((samples.size, len(self.states)), np.nan)
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Parameter values, shape (n_parameters,)."""
+        return np.array([parameter.value for parameter in self.parameters], dtype=float)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the parameters, shape (n_parameters, 2)."""
+        return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
+
+    def signals_at(self, kind: str) -> tuple[Signal, ...]:
+        """Return the signals at the ports of one kind, ``"input"``, ``"state"`` or ``"output"``."""
+        return {"input": self.inputs, "state": self.states, "output": self.outputs}[kind]
+
+    def with_parameters(self, values) -> Self:
+        """Return a copy with other values: a mapping by names, with or without units, or all in order.
+
+        Raises
+        ------
+        ValueError
+            If a name is not known, or not as many values as parameters are given.
+        """
+        new = copy(self)
+        if isinstance(values, Mapping):
+            known = {p.name for p in self.parameters}  # a term such as y[k-1] only looks like a unit
+            values = {k if k in known else split_unit(k)[0]: value for k, value in values.items()}
+            unknown = sorted(set(values) - known)
+            if unknown:
+                raise ValueError(
+                    f"Unknown parameters {unknown}; the simulator has {[p.name for p in self.parameters]}."
+                )
+            new.parameters = tuple(
+                p._replace(value=float(values.get(p.name, p.value))) for p in self.parameters
+            )
+        else:
+            values = list(values)
+            if len(values) != len(self.parameters):
+                raise ValueError(
+                    f"Got {len(values)} values for {len(self.parameters)} parameters: "
+                    f"{[p.name for p in self.parameters]}. Pass one for each, or a mapping by name."
+                )
+            new.parameters = tuple(
+                p._replace(value=float(value)) for p, value in zip(self.parameters, values, strict=True)
+            )
+        return new
+
+    def with_effects(self, effects: Sequence[PlacedEffect]) -> Self:
+        """Return a copy in which these effects act (and no others)."""
+        new = copy(self)
+        new.effects = tuple(effects)
+        return new
+
+    def run(
+        self,
+        u: np.ndarray,
+        windows: Windows,
+        x0: np.ndarray,
+        p: np.ndarray | None = None,
+        effects: Sequence[PlacedEffect] | None = None,
+        strength: Sequence[float] | None = None,
+    ) -> Run:
+        """Run the windows; arrays in, arrays out, nothing checked.
+
+        ``strength`` scales each effect: 1 is the effect as it stands, a small number gives its tangent.
+        """
+        p = self.nominal if p is None else p
+        effects = self.effects if effects is None else tuple(effects)
+        share = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
+        u = np.require(u, dtype=float, requirements=["C", "W"])
+        is_held = not (self.linear_hold or self.discrete)
+        driven, tilt = _applied(u, "input", effects, share, None, self.dt, windows, is_held)
+        n_samples = u.shape[0]
+        y = np.full((n_samples, len(self.outputs)), np.nan)
+        x = np.full((n_samples, len(self.states)), np.nan)
+        forces = [(effects[i], share[i]) for i in in_turn(effects)]
+        z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
+        bends = any(e.port.kind == "output" and e.effect.curved is not None for e in effects)
+        within = np.full((2, n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
+        equation, output = self._equations()
+        p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
+        switches = self.switches
+        is_special = self.discrete or len(switches.weights) > 0 or any(_is_special(e) for e, _ in forces)
+        try:
+            failed = simulate_windows()(
+                equation_address(equation),
+                equation_address(output),
+                *_slots(forces, len(self.inputs), len(self.states)),
+                *switches,
+                p,
+                np.require(x0, dtype=float, requirements=["C", "W"]),
+                driven,
+                tilt,
+                windows.first,
+                windows.last,
+                windows.fresh,
+                windows.began,
+                self.dt,
+                self.substeps,
+                self.linear_hold,
+                self.discrete,
+                self.sees_rates,
+                is_special or None,
+                y,
+                x,
+                z,
+                *within,
+            )
+        except Exception as error:
+            raise _stopped_by(error, x, windows, self.dt) from error
+        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within)
+        return Run(y, x, z, failed)
+
+    def steps_wanted(self, x: np.ndarray, u: np.ndarray) -> int:
+        """Return how many integration steps a sample takes at states of a run; 0 where those it has do."""
+        return 0
+
+    def identified(self, u, *, sessions=None) -> "Simulator":
+        """Return the simulator ready for runs from any state; one that is known by its equations is."""
+        return self
+
+    def centred(self, p: np.ndarray) -> "Simulator":
+        """Return the simulator ready for runs near parameters; one that is known by its equations is."""
+        return self
+
+    def by_equations(self) -> "Simulator":
+        """Return the simulator without what is added to the runs of a stand-in."""
+        return self
+
+    def simulate(self, X, x0=None, *, sessions=None):
+        """Return the outputs for the inputs ``X``, one run a session.
+
+        Parameters
+        ----------
+        X : array-like or DataFrame of shape (n_samples, n_inputs)
+            Inputs, in the units of ``inputs``. Columns of a DataFrame are found by name where all inputs are
+            among them, taken in order where none is. NaN marks gaps; the run starts anew after each.
+        x0 : array-like of shape (n_states,) or (n_sessions, n_states), optional
+            Initial states; when not given zero, or for a NARX model its rest at the first input.
+        sessions : array-like of shape (n_samples,), optional
+            One label a sample; each run of equal labels starts anew.
+
+        Returns
+        -------
+        ndarray or DataFrame of shape (n_samples, n_outputs)
+            Outputs; NaN in gaps and from where a run left the finite range. A DataFrame, with the labels of
+            ``outputs`` and the index of ``X``, where ``X`` is one.
+
+        Raises
+        ------
+        ValueError
+            If ``X`` or ``x0`` does not fit the simulator.
+        RuntimeError
+            If its function raises during the run; says at which sample.
+
+        Warns
+        -----
+        DivergenceWarning
+            If the run leaves the finite range; says at which sample.
+        """
+        u = self._read_inputs(X)
+        pieces = session_slices(sessions, u.shape[0])
+        windows = Windows.whole(finite_slices(pieces, finite_rows(u)))
+        session = np.searchsorted([piece.start for piece in pieces], windows.first, side="right") - 1
+        if x0 is None:
+            start = self._initial_states(u, windows)
+        else:
+            start = self._read_states(x0, len(pieces))[session]
+        run = self.run(u, windows, start)
+        self._warn_of_trouble(run, u, windows)
+        if not hasattr(X, "columns"):
+            return run.y
+        import pandas as pd
+
+        return pd.DataFrame(run.y, index=X.index, columns=[str(signal) for signal in self.outputs])
+
+    def _initial_states(self, u: np.ndarray, windows: Windows) -> np.ndarray:
+        """Return the states, (n_windows, n_states), that runs start from when none are given."""
+        return np.zeros((windows.count, len(self.states)))
+
+    def _read_inputs(self, X) -> np.ndarray:
+        """Return the inputs as an array; columns by name where the names are all there."""
+        return read_columns(X, self.inputs, "X", "input")
+
+    def _read_states(self, x0, n_sessions: int) -> np.ndarray:
+        """Return initial states, shape (n_sessions, n_states)."""
+        given = np.asarray(x0, dtype=float)
+        shapes = ((len(self.states),), (n_sessions, len(self.states)))
+        if given.shape not in shapes or not np.all(np.isfinite(given)):
+            raise ValueError(
+                f"x0 has shape {given.shape}; wanted are finite values of the states "
+                f"{[str(s) for s in self.states]}, shape {shapes[0]}, or a row for each session, {shapes[1]}."
+            )
+        return np.broadcast_to(given, shapes[1])
+
+    def _warn_of_trouble(self, run: Run, u: np.ndarray, windows: Windows) -> None:
+        """Warn, with the sample, of what makes a run useless."""
+        inside = covered(windows)
+        lost = inside[~np.isfinite(run.y[inside]).all(axis=1)]
+        if lost.size:
+            k = int(lost[0])
+            warnings.warn(
+                f"The simulation left the finite range at sample {k} ({_time_of(k, windows, self.dt)}); it "
+                "is NaN from there to the end of its session, or as long as the output is not defined. Check "
+                "parameters, initial states and units.",
+                DivergenceWarning,
+                stacklevel=3,
+            )
+
+
+def evaluate(simulator: Simulator, x, u, p=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return right-hand side (n_states,) and output (n_outputs,) at one point, effects not counted."""
+    p = simulator._coefficients(simulator.nominal if p is None else np.asarray(p, dtype=float))
+    x, u, p = (np.array(v, dtype=float) for v in (x, u, p))
+    rates, outputs = np.empty(len(simulator.states)), np.empty(len(simulator.outputs))
+    equation, output = simulator._equations()
+    write_values(equation_address(equation), x, u, p, rates)
+    seen = np.concatenate([x, rates]) if simulator.sees_rates else x
+    write_values(equation_address(output), seen, u, p, outputs)
+    return rates, outputs
+
+
+def _time_of(k: int, windows: Windows, dt: float) -> str:
+    """Return a sample's time since its session began, as text."""
+    w = max(int(np.searchsorted(windows.first, k, side="right")) - 1, 0)
+    return f"t = {(k - windows.began[w]) * dt:.6g} s"
+
+
+def _stopped_by(error: Exception, x: np.ndarray, windows: Windows, dt: float) -> RuntimeError:
+    """Return the error of a run in which the user's function raised, with the sample."""
+    reached = np.flatnonzero(~np.isnan(x).all(axis=1))  # states are written as the run goes
+    k = int(reached[-1]) if reached.size else int(windows.first[0])
+    state = np.array2string(x[k], precision=6, separator=", ")
+    return RuntimeError(
+        f"The simulator's function raised {type(error).__name__}: {error}, at sample {k} "
+        f"({_time_of(k, windows, dt)}), with the states {state} there."
+    )
+
+
+def _is_special(placed: PlacedEffect) -> bool:
+    """Tell whether a force does more than act in its own state equation (and onward)."""
+    return placed.effect.after or placed.inertial or placed.through >= 0 or placed.answer > 0
+
+
+def _slots(forces, n_inputs: int, n_states: int):
+    """Return the effects at state equations as the arrays the kernel takes."""
+    n = len(forces)
+    if n > MAX_EFFECTS:
+        raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
+    addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
+    port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
+    memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
+    jumps, after, sticks, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(4))
+    weights = np.zeros((MAX_EFFECTS, n_states))
+    seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
+    answer, strength = np.zeros((2, MAX_EFFECTS))
+    theta = np.zeros((MAX_EFFECTS, MAX_THETA))
+    begins, ends = np.full((2, MAX_EFFECTS), np.inf)
+    for i, (placed, scale) in enumerate(forces):
+        effect = placed.effect
+        addresses[i] = force_address(effect.force)
+        port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
+        memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
+        sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
+        inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
+        begins[i], ends[i] = placed.during
+        weights[i, : len(placed.weights)] = placed.weights
+        if placed.second:
+            seconds[i] = placed.second
+        theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
+        if placed.onward >= 0:
+            theta[i, SPILL] = placed.theta[-1]
+    flags = jumps, after, sticks, inertial
+    ways = port, onward, through
+    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
+
+
+def transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
+    """Return signals with the effects at ports of one kind applied, session by session."""
+    return _applied(signals, kind, effects, strength, driven, dt, windows)[0]
+
+
+def _applied(
+    signals,
+    kind,
+    effects,
+    strength,
+    driven,
+    dt,
+    windows: Windows,
+    is_held: bool = False,
+    within: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return signals with effects applied, and by how much they then rise within each step, if they do.
+
+    What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
+    signals are means over the steps, and the rise is that of the straight line of least squares. Where the
+    middle and the end of each step are known, ``within`` (2, n_samples, n_signals) or no samples, what
+    arrives late is that of a signal which bends there and may jump at the samples; behind an effect that does
+    not tell its own they are no longer known.
+    """
+    within = np.empty((2, 0, signals.shape[1])) if within is None else within
+    bends = np.full(signals.shape[1], within.shape[1] > 0)
+    out, tilt = signals, np.empty((0, signals.shape[1]))
+    for placed, scale in zip(effects, strength, strict=True):
+        if placed.port.kind != kind:
+            continue
+        if out is signals:
+            out = signals.copy()
+        column = out[:, placed.port.index].copy()
+        other = placed.second_of(signals if driven is None else driven)
+        # an effect has acted since the session began, also where no window is and its memory waits
+        keep, age, begin = _since_the_sessions_began(windows)
+        if placed.effect.instants:  # its time is that of the whole record
+            keep = age = np.arange(len(column))
+            begin = np.unique(windows.began)
+        inside = column[keep]
+        acts = placed.acts_at(age * dt)
+        theta = np.array(placed.theta)
+        if is_held and placed.effect.held is not None:
+            changed, rise = placed.effect.held(inside, dt, theta, begin)
+            tilt = tilt if len(tilt) else np.zeros_like(signals)
+            tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
+        elif bends[placed.port.index] and placed.effect.curved is not None:
+            at = within[:, keep, placed.port.index]
+            changed, *then = placed.effect.curved(inside, *at, dt, theta, begin)
+            within[:, keep, placed.port.index] = at + np.where(acts, scale * (np.array(then) - at), 0.0)
+        else:
+            bends[placed.port.index] = False
+            changed = placed.effect.transform(
+                inside, None if other is None else other[keep], dt, theta, begin
+            )
+        out[keep, placed.port.index] = inside + np.where(acts, scale * (changed - inside), 0.0)
+    return out, tilt
+
+
+def covered(windows: Windows) -> np.ndarray:
+    """Return the samples inside the windows, in order."""
+    if windows.count == 0:
+        return np.arange(0)
+    if windows.count == 1:
+        return np.arange(windows.first[0], windows.last[0])
+    return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
+
+
+def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the samples of the sessions up to their last windows, and where each begins among them.
+
+    Between the two: how many samples of its session went before each.
+    """
+    began = np.unique(windows.began)
+    stop = [windows.last[windows.began == first].max() for first in began]
+    ages = [np.arange(b - a) for a, b in zip(began, stop, strict=True)]
+    age = np.concatenate([np.arange(0), *ages])
+    begin = np.cumsum([0, *(part.size for part in ages)])[:-1]
+    return age + np.repeat(began, [part.size for part in ages]), age, begin

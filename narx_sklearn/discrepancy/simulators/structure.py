@@ -1,0 +1,109 @@
+"""What the simulator's equations say about themselves: kinematics, who drives whom, which inputs are used."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.simulators.linearise import central_differences
+from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
+from narx_sklearn.discrepancy.units import scale_to
+
+POINTS = 6  # states of the run at which derivatives are compared
+STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
+ALIKE = 1e-6  # relative difference below which a derivative counts as the same
+
+
+class Structure(NamedTuple):
+    """Dependencies found numerically along a run."""
+
+    partner: tuple[int, ...]  # state -> the state that is its integral, up to a factor; -1 for none
+    kinematic: np.ndarray  # (n_states,) bool: a definition (x' = v), where no physics can be missing
+    states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
+    slope: np.ndarray  # (n_states, n_states) mean of that dependence
+    inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
+    gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
+
+    @property
+    def twists(self) -> list[tuple[int, int, int]]:
+        """Kinematic states that count how far two others have parted: (state, the one ahead, the other)."""
+        found = []
+        for i in np.flatnonzero(self.kinematic).tolist():
+            sources = np.flatnonzero(self.states[i]).tolist()
+            if len(sources) == 2:
+                ahead, other = sorted(sources, key=lambda j: -self.slope[i, j])
+                found.append((i, ahead, other))
+        return found
+
+    @property
+    def channels(self) -> np.ndarray:
+        """Inputs that no equation uses: measured channels that may still matter."""
+        return np.flatnonzero(~self.inputs.any(axis=0))
+
+    def share_equation(self, one: Port, other: Port) -> bool:
+        """Tell whether what enters at two ports comes together in one equation."""
+        return bool(self._equations(one) & self._equations(other))
+
+    def _equations(self, port: Port) -> set[Port]:
+        if port.kind != "input":
+            return {port}
+        return {Port("state", int(i)) for i in np.flatnonzero(self.inputs[:, port.index])}
+
+
+def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Structure:
+    """Probe the right-hand side along a run, x (n_samples, n_states) and u (n_samples, n_inputs)."""
+    n = len(simulator.states)
+    good = np.flatnonzero(np.all(np.isfinite(x), axis=1) & np.all(np.isfinite(u), axis=1))
+    points = good[np.linspace(0, good.size - 1, POINTS).astype(int)] if good.size else np.zeros(0, int)
+    x_size = np.maximum(np.nanstd(x, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(x), axis=0), 1e-6))
+    u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
+    p = simulator.nominal
+    p_size = np.where(p != 0, np.abs(p), 1.0)
+    Jx, Ju, Jp = [], [], []
+    for k in points:
+        at_x, at_u = simulator.switches.clear_of(x[k], STEP * x_size), u[k]
+
+        def rates(x=at_x, u=at_u, p=None):
+            return evaluate(simulator, x, u, p)[0]
+
+        Jx.append(central_differences(lambda v, rates=rates: rates(x=v), at_x, STEP * x_size))
+        Ju.append(central_differences(lambda v, rates=rates: rates(u=v), at_u, STEP * u_size))
+        Jp.append(central_differences(lambda v, rates=rates: rates(p=v), p, STEP * p_size))
+    Jx, Ju, Jp = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp))
+    weight = np.abs(Jx) * x_size
+    largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
+    depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
+    driven = (np.abs(Ju) * u_size).max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
+    tuned = np.abs(Jp).max(axis=(0, 2), initial=0.0) > 0
+    spread = np.ptp(Jx, axis=0) <= ALIKE * np.abs(Jx).max(axis=0, initial=0.0)
+    slopes = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
+    kinematic = np.zeros(n, dtype=bool)
+    partner = [-1] * n
+    for i in range(n):
+        sources = np.flatnonzero(depends[i])
+        if driven[i].any() or i in sources or not spread[i, sources].all():
+            continue
+        if sources.size == 1:
+            kinematic[i] = not tuned[i]
+            if not simulator.discrete and partner[sources[0]] < 0:
+                partner[int(sources[0])] = i
+        elif sources.size == 2 and not simulator.discrete:
+            kinematic[i] = not tuned[i] and _is_twist(i, sources, slopes, simulator.states)
+    if simulator.discrete:  # what a map only remembers is no place for physics
+        kinematic |= ~simulator.free_states
+    gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
+    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain)
+
+
+def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[Signal]) -> bool:
+    """Tell whether a state counts how far two bodies have parted, whose speeds it holds back and drives.
+
+    What flows into a store and out of it does not: of a level something may be lost.
+    """
+    unit = states[i].unit
+    are_speeds = all(
+        not unit or not states[j].unit or scale_to(f"{unit}/s", states[j].unit) is not None for j in sources
+    )
+    apart, held = slopes[i, sources], slopes[sources, i]
+    return bool(are_speeds and np.prod(apart) < 0 and np.all(apart * held < 0))

@@ -1,0 +1,237 @@
+"""The beginning of a diagnosis: the simulator's own parameters, fitted over windows that allow it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states, guess_states, states_along
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
+from narx_sklearn.discrepancy.simulators.structure import Structure, find_structure
+from narx_sklearn.discrepancy.simulators.windows import (
+    LONGEST,
+    Pace,
+    cut,
+    find_pace,
+    followed_for,
+    shortest_window,
+    spread_out,
+    window_length,
+)
+
+LONG = 4  # windows of an integrating plant, once short ones have brought its parameters near
+SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is fitted first
+TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
+FOLLOWS = 0.3  # share of an output's spread that long windows may leave beside what short ones leave
+CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
+
+
+class Beginning(NamedTuple):
+    """The fit of the simulator's own parameters, and what it was made with."""
+
+    problem: Problem
+    refitted: Fit
+    structure: Structure
+    pace: Pace
+    lengthened_from: int  # samples of a window before it was made long; 0 where it was not
+
+
+class _Fitted(NamedTuple):
+    """A problem over windows of some length, and the fit of the simulator's own parameters."""
+
+    problem: Problem
+    refitted: Fit
+    length: int  # samples that a window is wanted to have
+    lengthened_from: int = 0  # as in `Beginning`
+
+
+def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Beginning:
+    """Fit the simulator's own parameters on the given pieces of a record.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
+    x = states_along(simulator, u, y, pieces)
+    inside = np.isfinite(x).all(axis=1)
+    if not inside.any():
+        raise ValueError(
+            "The simulation left the finite range at its first sample; check its parameters, units and dt."
+            + _finer_steps(simulator, *_first_points(simulator, u, y, pieces))
+        )
+    structure = find_structure(simulator, x[inside], u[inside])
+    pace = find_pace(simulator, x[inside], u[inside])
+    n_samples = sum(piece.stop - piece.start for piece, _ in pieces)
+    length = settings.window or window_length(simulator, pace, n_samples)
+    shortest = shortest_window(simulator)
+    finer = _finer_steps(simulator, x, u)
+    _check_growth(simulator, pace, shortest, finer)
+    windows = spread_out(cut(pieces, length, shortest))
+    if not windows.count:
+        raise ValueError(
+            f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
+            "Pass a longer record."
+        )
+    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y))
+    settings.tell("fit of the simulator's own parameters")
+    refitted = fit(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
+    begun = _Fitted(problem, refitted, length)
+    if settings.window is None:
+        begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
+        if not (pace.forgets or pace.growth):
+            longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
+            begun = _lengthened(begun, spread_out(longer))
+    _check_finite(begun.problem, begun.refitted, finer)
+    return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
+
+
+def _as_it_stands(problem: Problem, structure: Structure, x: np.ndarray) -> Model:
+    """Return the simulator's nominal model, its initial states fitted from a guess along the states ``x``."""
+    x0 = guess_states(problem.simulator, problem.u, problem.y, problem.windows, structure, x)
+    return fit_initial_states(problem, x0).model
+
+
+def _finer_steps(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> str:
+    """Return, in words, how many substeps the equations want at states, where that is more than they have."""
+    wanted = simulator.steps_wanted(x, u)
+    if not wanted:
+        return ""
+    return (
+        " Its equations are stiff: their fastest eigenvalue is too fast for integration steps of "
+        f"{simulator.dt / simulator.substeps:.4g} s. Pass substeps={wanted} to the simulator first."
+    )
+
+
+def _first_points(
+    simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states with which pieces begin, as far as they are measured, and the inputs there."""
+    first = np.array([piece.start for piece, _ in pieces], dtype=np.int64)
+    return np.nan_to_num(simulator.known_states(u, y, first)), u[first]
+
+
+def _check_growth(simulator: Simulator, pace: Pace, shortest: int, finer: str) -> None:
+    """Raise where equations grow so fast that they are no machine's: a run is lost within any window."""
+    if simulator.discrete or followed_for(simulator, pace) >= shortest / 2:
+        return
+    raise ValueError(
+        f"The simulation diverges: as it stands it grows e-fold in {1 / (pace.growth * simulator.dt):.2g} "
+        f"samples, so even a window of {shortest} samples is lost. Check the signs of its terms, its units "
+        f"and its dt={simulator.dt:.6g}.{finer}"
+    )
+
+
+def _check_finite(problem: Problem, refitted: Fit, finer: str) -> None:
+    """Raise where a simulation leaves the finite range even in short windows, so nothing could be fitted."""
+    if np.isfinite(refitted.cost):
+        return
+    run, windows, dt = problem.run(refitted.model), problem.windows, problem.simulator.dt
+    with np.errstate(over="ignore"):
+        lost = problem.seen & ~np.isfinite(run.y[problem.rows] ** 2)
+    k = int(problem.rows[lost.any(axis=2)].min())
+    length = windows.length
+    raise ValueError(
+        f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
+        f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. Check the signs "
+        f"of its terms, its units and its dt={dt:.6g}; start from parameters with which it stays near the "
+        f"recording; or pass a shorter window.{finer}"
+    )
+
+
+def centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
+    """Return the problem and its fit with a simulator that is known near the parameters fitted."""
+    for _ in range(CENTRED):
+        nearer = problem.simulator.centred(found.model.p)
+        if nearer is problem.simulator:
+            break
+        problem = Problem(nearer, problem.u, problem.y, problem.windows, problem.noise)
+        found = fit(problem, found.model)
+    return problem, found
+
+
+def _led(
+    begun: _Fitted, pieces, shortest: int, structure: Structure, x: np.ndarray, n_jobs: int | None
+) -> _Fitted:
+    """Return the best of a fit and those to which ever longer windows led, up to the problem's own.
+
+    Where the fit from afar lost its way, the problem is one over shorter windows.
+    """
+    problem, refitted, length, _ = begun
+    lengths = [sorted({max(length // share, shortest) for share in shares}) for shares in SHORTER]
+    ladders = [[spread_out(cut(pieces, n, shortest)) for n in ladder] for ladder in lengths]
+    grown = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_grown)(problem, shorter, structure, x) for shorter in ladders
+    )
+    best = min(refitted, *grown, key=lambda found: found.cost)
+    if refitted.cost > TRAPPED * best.cost:
+        return _shortened(problem, best, ladders[-1], structure, x)
+    return begun._replace(refitted=best)
+
+
+def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np.ndarray) -> Fit:
+    """Return the fit of a problem to which fits over ever longer windows led.
+
+    What grows, or turns over, takes a long run far away before parameters that are somewhat wrong can be told
+    from it.
+    """
+    now = problem.over(shorter[0])
+    found = fit(now, _as_it_stands(now, structure, x))
+    for windows in (*shorter[1:], problem.windows):
+        longer = problem.over(windows)
+        found = fit(longer, found.model._replace(x0=states_at(now, found, windows)))
+        now = longer
+    return found
+
+
+def _shortened(
+    problem: Problem, found: Fit, shorter: list[Windows], structure: Structure, x: np.ndarray
+) -> _Fitted:
+    """Return the problem over the longest windows in which a fit from afar finds its way, and its fit.
+
+    Over longer ones effects would lose theirs too: what a machine that turns over makes of a small mistake is
+    another run altogether.
+    """
+    for windows in reversed(shorter):
+        part = problem.over(windows)
+        led = fit(part, found.model._replace(x0=states_at(problem, found, windows)))
+        from_afar = fit(part, _as_it_stands(part, structure, x))
+        if from_afar.cost <= TRAPPED * led.cost:
+            break
+    return _Fitted(part, min(led, from_afar, key=lambda fitted: fitted.cost), part.windows.length)
+
+
+def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
+    """Return the problem over longer windows and its fit, where the run still follows the recording there.
+
+    What an integrator adds up over a long window tells far more than the same samples cut into many short
+    ones, each with initial states of its own; but far from the right parameters a long run is lost.
+    """
+    problem, found, length, _ = begun
+    if windows.count >= problem.windows.count:
+        return begun
+    longer = problem.over(windows)
+    refitted = fit(longer, found.model._replace(x0=states_at(problem, found, windows)))
+    left, noise = (residual_deviation(p, f.residual) for p, f in ((longer, refitted), (problem, found)))
+    more = left**2 - noise**2  # than short windows leave, which is mostly noise
+    follows = np.all(more < (FOLLOWS * np.nanstd(problem.y, axis=0)) ** 2)
+    return _Fitted(longer, refitted, windows.length, length) if follows else begun
+
+
+def states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
+    """Return the states with which other windows begin, from the run of a fit, or else as measured."""
+    x = problem.run(found.model).x[windows.first]
+    known = problem.simulator.known_states(problem.u, problem.y, windows.first)
+    return np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
+
+
+def residual_deviation(problem: Problem, residual: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of the residual of each output."""
+    r = residual.reshape(problem.seen.shape) * problem.noise.sigma
+    counts = problem.seen.sum(axis=(0, 1))
+    sigma = np.sqrt((r**2).sum(axis=(0, 1)) / np.maximum(counts, 1))
+    return np.maximum(sigma, 1e-12 * np.maximum(problem.noise.sigma, 1e-300))

@@ -1,0 +1,174 @@
+"""The search for what is missing, under noise whose colour is estimated from what the search leaves."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
+from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import CLEARER, clearer_noise, deviance
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.explain import FINE, Step, once_each, refit_leaders, refit_pairs, search
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
+from narx_sklearn.discrepancy.search.lookalikes import likeliest
+from narx_sklearn.discrepancy.search.ranking import leaders, with_pushes
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
+FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
+LOOKS = 2  # under a clearer noise, at most
+RIVALS = 3  # next best explanations that may be likelier, each under noise of its own
+
+
+class Searched(NamedTuple):
+    """A problem under noise of its own colour, the fit of the simulator's own parameters, and a search."""
+
+    problem: Problem
+    refitted: Fit
+    steps: list[Step]  # none where there is nothing but rounding
+
+    @property
+    def p_value(self) -> float:
+        """Chance that nothing is missing."""
+        return self.steps[0].detection.p_value if self.steps else 1.0
+
+    @property
+    def pool(self) -> list[Candidate]:
+        """All that was fitted, best first."""
+        return pool_of(self.steps)
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """All that was tried, as it was tried last."""
+        return list({h.placed.place: h for step in self.steps for h in step.bank.hypotheses}.values())
+
+
+def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
+    """Estimate the colour of the noise, and search for what is missing under it."""
+    settings.tell("colour of the noise")
+    hypotheses = hypotheses_of(problem, refitted, structure, settings)
+    bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
+    residual = _without_structure(problem, bank)
+    bank = bank.without_columns()
+    faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
+    known = [] if faint else _leading(problem, refitted, bank, structure, settings)
+    if known and settings.max_effects > 1:
+        known += refit_pairs(problem, refitted, bank, known, settings.n_leaders, settings.n_jobs)
+        known.sort(key=lambda c: c.criterion)
+    dominated = bool(known) and known[0].fit.cost < MOSTLY * refitted.cost
+    if dominated:
+        # mostly structure, far from what its tangents show: only beside a full fit is the rest near them
+        rest = [h for h in hypotheses if h.placed.place not in known[0].places]
+        residual = _without_structure(problem, make_bank(problem, known[0].fit, rest, settings.n_jobs))
+    problem = problem.with_noise(estimate_noise(residual, problem.seen))
+    refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
+    settings.tell("search for missing physics")
+    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, dominated, known))
+    for _ in range(LOOKS):
+        again = _under_clearer_noise(found, structure, settings)
+        if again is None:
+            break
+        found = again
+    return found
+
+
+def _without_structure(problem: Problem, bank: Bank) -> np.ndarray:
+    """Return what is left of the outputs, (W, L, n_outputs), when a bank's best columns are fitted freely."""
+    residual = flexible_residual(bank, problem.n_seen)[0]
+    return residual.reshape(problem.seen.shape) * problem.noise.sigma
+
+
+def _under_clearer_noise(before: Searched, structure: Structure, settings: Settings) -> Searched | None:
+    """Search again where an explanation leaves a clearly likelier noise; None where nothing new comes of it.
+
+    What was found before takes part again. Noise that was estimated beside one explanation favours it, so
+    the next best may be clearly likelier, each under the noise that it leaves itself.
+    """
+    problem, pool = before.problem, before.pool
+    if not pool or before.p_value > settings.alpha:
+        return None
+    best = likeliest(pool, before.refitted.cost)
+    rivals = [c for c in pool if len(c.effects) == len(best.effects) and c is not best][:RIVALS]
+    found = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(deviance)(problem, c.fit.model) for c in (best, *rivals)
+    )
+    priced = [value + c.price for value, c in zip(found, (best, *rivals), strict=True)]
+    if min(priced) < priced[0] - CLEARER:
+        best = rivals[int(np.argmin(priced)) - 1]
+    noise = clearer_noise(problem, best.fit)
+    if noise is None:
+        return None
+    settings.tell("search again, under the noise that the best explanation leaves")
+    known = [c for c in pool if len(c.effects) <= 2]
+    problem = problem.with_noise(noise)
+    refitted = fit(problem, before.refitted.model, n_jobs=settings.n_jobs)
+    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, True, known))
+    if found.p_value > settings.alpha:
+        return None
+    if len(best.effects) > 1:
+        found.steps[-1].candidates.append(converged(problem, best, settings.n_jobs))
+    return found
+
+
+def _leading(
+    problem: Problem, refitted: Fit, bank: Bank, structure: Structure, settings: Settings
+) -> list[Candidate]:
+    """Return the best single effects under white noise, the first of them fully fitted.
+
+    Where the simulator's own parameters went far to make up for what is missing, as for a sensor in kelvin
+    in place of degrees, the way back from there is long, and what explains most beside their nominal values
+    is fitted too.
+    """
+    placed = leaders(bank, settings.n_leaders, NONE_SILENT, 1.0)
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
+    p = problem.simulator.nominal
+    near = (np.abs(refitted.model.p) <= FAR * np.abs(p)) & (np.abs(p) <= FAR * np.abs(refitted.model.p))
+    if np.all(near | (p == 0)):
+        return found
+    nominal = fit_states(problem, refitted.model._replace(p=p))
+    bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
+    placed = with_pushes(bank, settings.n_leaders)
+    found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
+    return once_each(sorted(found, key=lambda c: c.criterion))
+
+
+def _steps(
+    problem: Problem,
+    refitted: Fit,
+    structure: Structure,
+    settings: Settings,
+    dominated: bool,
+    known: list[Candidate],
+) -> list[Step]:
+    def make_hypotheses(found: Fit) -> list[Hypothesis]:
+        return hypotheses_of(problem, found, structure, settings)
+
+    return search(problem, refitted, make_hypotheses, settings, dominated=dominated, known=known)
+
+
+def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: Settings) -> list[Hypothesis]:
+    """Return all that may be missing beside a fitted model, at every place where it may act."""
+    unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
+    run = problem.run(found.model)
+    return enumerate_hypotheses(
+        settings.effects, problem, found.model, run, structure, unasked, settings.n_jobs
+    )
+
+
+def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None) -> Candidate:
+    """Return a set of effects fitted to the end."""
+    found = fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7, n_jobs=n_jobs)
+    return Candidate(found, candidate.n_samples)
+
+
+def pool_of(steps: Sequence[Step]) -> list[Candidate]:
+    """Return all that was fitted in a search, best first."""
+    return sorted((c for step in steps for c in step.candidates), key=lambda c: c.criterion)

@@ -1,0 +1,249 @@
+"""The chain of a diagnosis: refit, test, name, decide."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.search.candidate import Candidate, odd
+from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
+from narx_sklearn.discrepancy.search.explain import Step, by_weight
+from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.inference import parameters_moved
+from narx_sklearn.discrepancy.search.lookalikes import is_a_change
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.simulators.windows import followed_for
+from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_deviation, states_at
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
+from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
+from narx_sklearn.discrepancy.stages.naming import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
+from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
+from narx_sklearn.discrepancy.stages.temporary import large_parts, may_stand_in, search_in_spans, spans_of
+from narx_sklearn.discrepancy.stages.unnamed import SHARE, best_pulsating, best_unnamed, is_explained_by
+from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
+
+AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
+FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that was found on the fitting windows."""
+
+    verdict: str
+    problem: Problem
+    structure: Structure
+    nominal: Fit  # initial states only
+    refitted: Fit
+    best: Candidate  # the set chosen, or a curve that tells more; empty when nothing is missing
+    order: tuple[int, ...]  # of its effects: those first that explain most
+    alternatives: tuple[tuple[Candidate, ...], ...]  # what could stand in the place of each of its effects
+    p_missing: float
+    steps: tuple[Step, ...]
+    followed_for: float  # samples for which a run follows the machine; infinite where nothing grows
+    stretches: Stretches  # of time, in which the mismatch is
+    twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
+    against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
+    lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
+    steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
+    record_misleads: bool = False  # by a mistake that must be mended before physics is believed
+
+    @property
+    def is_named(self) -> bool:
+        """Whether effects of known names explain what is missing, these or others that look alike."""
+        return self.verdict in ("explained", "ambiguous")
+
+    @property
+    def noise(self) -> Noise:
+        """Noise that the best explanation leaves; searched was under that which names leave."""
+        if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
+            return self.problem.noise
+        return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
+
+    @property
+    def as_drift(self) -> "Diagnosis | None":
+        """The same with a drift named in place of an offset that looks like one; None where none does."""
+        if len(self.best.effects) != 1 or self.best.effects[0].effect.code != OFFSET:
+            return None
+        (rivals,) = self.alternatives
+        drifts = [c for c in rivals if is_drift(c.effects[0])]
+        if not drifts:
+            return None
+        others = tuple(c for c in rivals if c is not drifts[0])
+        verdict = "ambiguous" if others else "explained"
+        return replace(self, verdict=verdict, best=drifts[0], alternatives=(others,))
+
+    @property
+    def base_run(self) -> Run:
+        """Run of the refitted simulator over the windows."""
+        return self.problem.run(self.refitted.model)
+
+
+def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Diagnose a simulator on the given pieces of a record.
+
+    A simulator that is known only near some parameters is diagnosed again where those found lie elsewhere.
+    Where nothing that is known explains what is seen over long windows, shorter ones are tried.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps in ``u``, each with the first sample of its session.
+    """
+    found = _diagnosed(simulator, u, y, pieces, settings)
+    if found.verdict == "unknown" and found.lengthened_from:
+        settings.tell("again, over shorter windows")
+        lengths = found.problem.windows.last - found.problem.windows.first
+        halfway = replace(settings, window=int(np.sqrt(found.lengthened_from * np.median(lengths))))
+        found = _explaining_more(found, _diagnosed(simulator, u, y, pieces, halfway))
+    for _ in range(AGAIN):
+        known = found.problem.simulator
+        nearer = known.centred(found.best.fit.model.p)
+        if nearer is known:
+            break
+        settings.tell("again, nearer to the parameters that were found")
+        found = _diagnosed(nearer, u, y, pieces, settings)
+    return found
+
+
+def _explaining_more(found: Diagnosis, shorter: Diagnosis) -> Diagnosis:
+    """Return a diagnosis, or that over shorter windows where what it names leaves less of the long ones too.
+
+    An integrator without what is missing follows a long run; with it the machine may turn over, and a fit
+    that begins far away does not get there.
+    """
+    if not shorter.is_named:
+        return found
+    long = found.problem.with_noise(Noise.white(found.problem.noise.sigma))
+    model = shorter.best.fit.model
+    x0 = states_at(shorter.problem, shorter.best.fit, long.windows)
+    left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
+    return shorter if left[0] < left[1] else found
+
+
+def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Diagnose once: over windows of one length, near the parameters that the simulator has."""
+    problem, refitted, structure, pace, lengthened_from = begin(simulator, u, y, pieces, settings)
+    problem, refitted = centred(problem, refitted)
+    rounding = FINEST * np.nanstd(y, axis=0)
+    left_over = residual_deviation(problem, refitted.residual)
+    problem = problem.with_noise(Noise.white(np.maximum(left_over, rounding)))
+    refitted = fit(problem, refitted.model, iterations=2, n_jobs=settings.n_jobs)
+    searched = Searched(problem, refitted, [])
+    if np.any(residual_deviation(problem, refitted.residual) > rounding):
+        searched = coloured_search(problem, refitted, structure, settings)
+    problem, refitted, _ = searched
+    stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
+    searched, found = _looked_into_parts(searched, stretches, structure, settings)
+    p_missing = searched.p_value
+    if searched.steps and (found is None or not found.best.effects):
+        searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
+    problem, refitted, steps = searched
+    nominal = fit_initial_states(problem, refitted.model.x0)
+    is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
+    p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
+    if found is None:
+        nothing = "refit" if p_moved <= settings.alpha else "consistent"
+        found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
+    plain = with_positive_amplitudes(problem, counted_from_zero(problem, found.best))
+    found = found._replace(best=plain)
+    twin_misses_more = _twin_misses_more(problem, refitted, found.best)
+    verdict, best, alternatives, unnamed, _, against_noise = found
+    verdict = "unknown" if twin_misses_more else verdict
+    if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
+        best, alternatives, against_noise = unnamed, ((),) * len(unnamed.effects), ()
+    return Diagnosis(
+        verdict=verdict,
+        problem=problem,
+        structure=structure,
+        nominal=nominal,
+        refitted=refitted,
+        best=best,
+        order=by_weight(problem, best, searched.pool),
+        alternatives=alternatives,
+        p_missing=p_missing,
+        steps=tuple(steps),
+        followed_for=followed_for(simulator, pace),
+        stretches=stretches,
+        twin_misses_more=twin_misses_more,
+        against_noise=against_noise,
+        lengthened_from=lengthened_from,
+    )
+
+
+def _looked_into_parts(
+    searched: Searched, stretches: Stretches, structure: Structure, settings: Settings
+) -> tuple[Searched, Judgement | None]:
+    """Look into parts of the record too; return the search that tells most, and what is said of it.
+
+    Nothing is said (None) where nothing is missing.
+    """
+    if searched.steps:
+        spans = spans_of(stretches, searched.problem)
+        searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
+    found = judge(searched, structure, settings)
+    if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects)):
+        # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
+        spans = large_parts(searched.problem)
+        in_part = search_in_spans(spans, stretches.p, searched, structure, settings)
+        if in_part is not None:
+            searched = in_part
+            found = judge(searched, structure, settings)
+    if found is not None and found.verdict == "unknown":
+        problem, refitted, _ = searched
+        curve, known = found.unnamed, searched.hypotheses
+        pulsating = best_pulsating(problem, refitted, curve, structure, settings, known)
+        found = found._replace(unnamed=pulsating)
+    return searched, found
+
+
+def _unless_noise(
+    found: Judgement | None,
+    searched: Searched,
+    stretches: Stretches,
+    structure: Structure,
+    settings: Settings,
+) -> tuple[Searched, Judgement | None, float]:
+    """Return the search and what is said where none found anything, and the p-value: the rest must be noise.
+
+    Where it is none, what acts for half of the time may have bent all that was fitted.
+    """
+    problem, refitted, _ = searched
+    settings.tell("is what is left over noise?")
+    remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
+    if remainder.p_value > SHARE * settings.alpha:
+        return searched, found, searched.p_value
+    in_part = search_in_spans(large_parts(problem), stretches.p, searched, structure, settings)
+    named = in_part and judge(in_part, structure, settings)
+    if in_part and named and named.verdict != "unknown":
+        return in_part, named, in_part.p_value
+    nothing = Candidate(refitted, problem.n_seen)
+    unnamed, against_noise = None, remainder.speaking(SHARE * settings.alpha)
+    waves = [hertz for sign in against_noise for hertz in sign.frequencies]
+    if waves or any(sign.kind == "follows" for sign in against_noise):
+        known = searched.hypotheses
+        unnamed = best_unnamed(problem, refitted, nothing, structure, settings, known, waves)
+    if unnamed is not None and is_explained_by(problem, nothing, unnamed, structure, settings):
+        return searched, Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
+    told = Judgement("unknown", nothing, (), unnamed, against_noise=against_noise)
+    return searched, told, remainder.p_value
+
+
+def _tells_more(unnamed: Candidate, best: Candidate) -> bool:
+    """Tell whether a curve without a name says more than names that do not explain what is missing."""
+    return odd(best) or is_a_change(unnamed, best) or unnamed.criterion < best.criterion
+
+
+def _twin_misses_more(problem: Problem, refitted: Fit, best: Candidate) -> bool:
+    """Tell whether a twin gets more of its simulator wrong than the effects that act in it explain."""
+    if not isinstance(problem.simulator, TwinSimulator):
+        return False
+    missed = problem.whiten(problem.simulator.missed(problem.u, problem.windows))
+    explained = refitted.cost - best.fit.cost
+    return any(e.port.kind == "state" for e in best.effects) and explained < float(np.sum(missed**2))

@@ -1,0 +1,138 @@
+"""What an unknown force may follow: the signals of a run, their rates and directions, now and before."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.locate import Tangent
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.simulators.simulator import Run
+from narx_sklearn.discrepancy.simulators.structure import Structure
+
+BEFORE = (0, 1, 4, 16, 64)  # samples ago
+SHAPES = 12  # half turns over the range of a signal: what is finer, no broken line of 13 knots follows
+ENDS = 0.005  # share of the samples beyond either end of a signal's range
+
+
+class Followed(NamedTuple):
+    """A signal that something may follow, of mean zero."""
+
+    words: str  # "position [m]", "the direction of drive [V] 4 samples before"
+    values: np.ndarray  # (n_samples,)
+
+
+def followed(
+    problem: Problem, run: Run, structure: Structure, n_shapes: int, shapes_before=(0,), *, past: int = 0
+) -> list[Followed]:
+    """Return functions of each input and state along a run, and what it was and how it moved before.
+
+    Only simulated states and recorded inputs are looked at: recorded outputs hold the noise itself.
+
+    Parameters
+    ----------
+    n_shapes : int
+        Cosines of 1 to ``n_shapes`` half turns over a signal's range, which together are any curve.
+    shapes_before : tuple of int
+        How many samples ago the curves count.
+    past : int, default=0
+        Samples by which inputs are late at least. A controller writes the noise of a sample into the input
+        of that sample, so what is compared with this sample's noise must look at inputs before it.
+    """
+    found: list[Followed] = []
+    n_inputs = len(problem.simulator.inputs)
+    rated = {n_inputs + i for i in structure.partner if i >= 0}  # their rates are states too
+    for place, name, values, (low, high), late in _signals(problem, run, past):
+        turns = np.pi * (np.clip(values, low, high) - low) / (high - low)
+        for m in range(1, n_shapes + 1):
+            found += _lagged(name, np.cos(m * turns), shapes_before, late)
+        found += _lagged(name, values, BEFORE[1:], late)
+        if place not in rated:
+            change = np.diff(values, prepend=values[:1])
+            found += _lagged(f"the rate of {name}", change, BEFORE, late)
+            found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late)
+            found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late)
+    return found
+
+
+def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Followed]:
+    """Return products of every two inputs and states along a run, of second and third degree.
+
+    What depends on two signals at once, as damping that differs by position, follows neither of them.
+
+    Parameters
+    ----------
+    past : int, default=0
+        As in :func:`followed`.
+    """
+    found: list[Followed] = []
+    for one, other in combinations(_signals(problem, run, past), 2):
+        late = max(one.late, other.late)
+        a, b = (np.clip(s.values, *s.range) - np.mean(s.range) for s in (one, other))
+        for squared, also, values in (
+            ("", "", a * b),
+            (" squared", "", a * a * b),
+            ("", " squared", a * b * b),
+        ):
+            found += _lagged(f"{one.name}{squared} times {other.name}{also}", values, BEFORE[:1], late)
+    return found
+
+
+class _Signal(NamedTuple):
+    place: int  # inputs first, then states
+    name: str
+    values: np.ndarray  # (n_samples,), finite
+    range: tuple[float, float]
+    late: int
+
+
+def _signals(problem: Problem, run: Run, past: int) -> Iterator[_Signal]:
+    """Yield each input and state that moves."""
+    signals = [(str(s), problem.u[:, i], past) for i, s in enumerate(problem.simulator.inputs)]
+    signals += [(str(s), run.x[:, i], 0) for i, s in enumerate(problem.simulator.states)]
+    for i, (name, values, late) in enumerate(signals):
+        seen = values[problem.rows[problem.inside]]
+        low, high = np.nanquantile(seen, [ENDS, 1 - ENDS])
+        if high > low:
+            yield _Signal(i, name, np.where(np.isfinite(values), values, np.nanmean(seen)), (low, high), late)
+
+
+def _lagged(words: str, values: np.ndarray, before, late: int) -> Iterator[Followed]:
+    centred = values - values.mean()
+    size = centred.std()
+    for lag in sorted({max(lag, late) for lag in before if lag < centred.size}):
+        shifted = np.zeros_like(centred)
+        shifted[lag:] = centred[: centred.size - lag]
+        ago = f" {lag} sample{'s' * (lag > 1)} before" * (lag > 0)
+        yield Followed(words + ago, shifted / size if size > 0 else shifted)
+
+
+def response(problem: Problem, linear: Tangent, port: Port, forces: np.ndarray) -> np.ndarray:
+    """Return how the outputs answer to small forces at a port, (n_samples, n_outputs, n_forces).
+
+    Parameters
+    ----------
+    linear : Tangent
+        Along the run.
+    forces : ndarray of shape (n_samples, n_forces)
+    """
+    out = np.zeros((forces.shape[0], problem.y.shape[1], forces.shape[1]))
+    if port.kind == "output":
+        out[:, port.index] = forces
+        return out
+    at_input = port.kind == "input"
+    into = (linear.B if at_input else linear.G)[:, :, port.index]
+    shown = linear.D if at_input else linear.F  # at once
+    dx = np.zeros((problem.windows.count, linear.A.shape[1], forces.shape[1]))
+    for k, inside in zip(problem.rows.T, problem.inside.T, strict=True):  # all windows abreast
+        k, dx = k[inside], dx[inside] if not inside.all() else dx
+        w = forces[k][:, None, :]
+        out[k] = linear.C[k] @ dx
+        if shown is not None:
+            out[k] += shown[k][:, :, port.index][:, :, None] * w
+        ahead = np.nan_to_num(linear.A[k] @ dx + into[k][:, :, None] * w)
+        dx = np.zeros((inside.size, *ahead.shape[1:]))
+        dx[inside] = ahead
+    return np.nan_to_num(out)

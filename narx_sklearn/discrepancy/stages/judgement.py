@@ -1,0 +1,148 @@
+"""What is said of a search: the set that is named, what it is held against, and the verdict."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import DRIFT
+from narx_sklearn.discrepancy.search.explain import FINE
+from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.naming import FORM, named_by_reach, named_set
+from narx_sklearn.discrepancy.stages.powers import with_another_power
+from narx_sklearn.discrepancy.stages.refuted import (
+    is_refuted,
+    left_that_is_no_noise,
+    leftover_of,
+    may_be_drift,
+    only_stand_in,
+)
+from narx_sklearn.discrepancy.stages.remainder import Sign
+from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, best_unnamed
+
+ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
+
+
+class Judgement(NamedTuple):
+    """What is said of a set of effects, and what it was held against."""
+
+    verdict: str
+    best: Candidate
+    alternatives: tuple[tuple[Candidate, ...], ...]
+    unnamed: Candidate | None
+    stand_in: bool = False  # names for a law that is none of them
+    against_noise: tuple[Sign, ...] = ()  # what noise would not do, and the names leave
+
+
+def judge(searched: Searched, structure: Structure, settings: Settings) -> Judgement | None:
+    """Return what is said of the likeliest set of a search; None where nothing is missing."""
+    problem, refitted, pool = searched.problem, searched.refitted, searched.pool
+    if not pool or searched.p_value > settings.alpha:
+        return None
+    settings.tell("rivals and unnamed curves")
+    best = named_set(searched, pool, settings)
+    named = named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
+    found = _judged(searched, named, pool, structure, settings)
+    if found.verdict == "unknown" and named is not best:
+        found = _judged(searched, best, pool, structure, settings)
+    singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
+    if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
+        # what goes with it has no name; the effect that explains most may have one (a drift goes anywhere)
+        single = converged(problem, likeliest(singles, refitted.cost), settings.n_jobs)
+        alone = _judged(searched, single, pool, structure, settings)
+        return alone if alone.verdict != "unknown" else found
+    return found
+
+
+def _judged(
+    searched: Searched, best: Candidate, pool: list[Candidate], structure: Structure, settings: Settings
+) -> Judgement:
+    """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
+    problem, refitted, _ = searched
+    leftover = leftover_of(problem, best, structure, settings)
+    # where the named form visibly leaves something, its look-alikes may leave as much, and some more
+    visible = max(leftover.gain, 0.0) if leftover.p_value <= SUSPECT else 0.0
+    tolerated = min(FORM * (refitted.cost - best.fit.cost), ROOM * visible)
+    starts = {h.placed.always().place: h.starts for h in searched.hypotheses}
+    alternatives = _alternatives(problem, best, pool, tolerated, starts, refitted.cost)
+    unnamed = best_unnamed(problem, refitted, best, structure, settings, searched.hypotheses)
+    named = "ambiguous" if any(alternatives) else "explained"
+    if may_be_drift(best, alternatives):  # its course is as it may be
+        return Judgement(named, best, alternatives, unnamed)
+    if (other := with_another_power(problem, best, settings.alpha)) is not None:
+        as_likely = [
+            c for c in _without_its_power(best, other, alternatives) if c.criterion <= other.criterion
+        ]
+        if as_likely:  # another name does what this power does
+            rival = converged(problem, likeliest(as_likely, refitted.cost), settings.n_jobs)
+            return _judged(searched, rival, pool, structure, settings)
+        nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
+        return Judgement("unknown", best, alternatives, nearest, True)
+    signs = left_that_is_no_noise(problem, refitted, best, structure, settings)
+    if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
+        # the names took off less than they leave: they are not even near to it
+        return Judgement("unknown", Candidate(refitted, problem.n_seen), (), unnamed, True, signs)
+    if signs or only_stand_in(refitted, best, unnamed, leftover, settings.alpha):
+        return Judgement("unknown", best, alternatives, unnamed, True, signs)
+    if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
+        return Judgement("unknown", best, alternatives, unnamed)
+    return Judgement(named, best, alternatives, unnamed)
+
+
+def _without_its_power(
+    best: Candidate, other: Candidate, alternatives: tuple[tuple[Candidate, ...], ...]
+) -> list[Candidate]:
+    """Return what could stand in the place of a law that another power refutes, and is no power itself."""
+    return [
+        candidate
+        for member, freed, rivals in zip(best.effects, other.effects, alternatives, strict=True)
+        if freed.effect is not member.effect
+        for candidate in rivals
+        if all(effect.effect.power is None or effect.place in best.places for effect in candidate.effects)
+        and member.place not in candidate.places
+    ]
+
+
+def _alternatives(
+    problem: Problem,
+    best: Candidate,
+    pool: list[Candidate],
+    tolerated: float,
+    starts: dict[tuple, np.ndarray],
+    unexplained: float,
+) -> tuple[tuple[Candidate, ...], ...]:
+    """Return, for each effect of the set, what could stand in its place without being clearly worse."""
+    singles = [c.effects[0] for c in pool if len(c.effects) == 1]
+    found = []
+    for i, effect in enumerate(best.effects):
+        others = [e for j, e in enumerate(best.effects) if j != i]
+        kept = {e.place for e in others}
+        rivals = [
+            c
+            for c in pool
+            if len(c.effects) == len(best.effects) and kept <= c.places and effect.place not in c.places
+        ]
+        if others and not rivals:
+            start = best.fit.model
+            for single in [s for s in singles if s.place not in {effect.place, *kept}][:3]:
+                model = start._replace(effects=(*others, single))
+                rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+        # the same effect at another place is a question of where, not of what
+        rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
+        # what the catalogue warns of is fitted to the end before it is judged
+        rivals = [converged(problem, c) if declared_rival(best, c) else c for c in rivals]
+        rivals.sort(key=lambda c: c.criterion)
+        found.append(
+            tuple(look_alikes(problem, best, rivals, tolerated, starts, unexplained=unexplained)[1:])
+        )
+    return tuple(found)
+
+
+def _replaced(candidate: Candidate, kept: set) -> set[str]:
+    """Return the codes of the effects that are not among those kept."""
+    return {e.effect.code for e in candidate.effects if e.place not in kept}

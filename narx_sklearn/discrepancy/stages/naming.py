@@ -1,0 +1,144 @@
+"""Which of the sets that a search found is named."""
+
+from itertools import combinations
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
+from narx_sklearn.discrepancy.search.confirm import more_than_drift
+from narx_sklearn.discrepancy.search.explain import reordered, without_idle
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, is_one_law, likeliest
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps
+
+EXCHANGES = 2  # members of a set that may be exchanged
+FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
+
+
+def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> Candidate:
+    """Return the set of effects that a search found likeliest, fitted to the end.
+
+    Sets that are tried on the way join the ``pool``.
+    """
+    problem, refitted, steps = searched
+    best = _likeliest_set(problem, pool, refitted.cost, searched.hypotheses, settings.n_jobs)
+    best = _without_refinement(best, pool, refitted.cost)
+    best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
+    best = converged(problem, best, settings.n_jobs)
+    return next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
+
+
+def _likeliest_set(
+    problem: Problem, pool: list[Candidate], unexplained: float, hypotheses: list[Hypothesis], n_jobs
+) -> Candidate:
+    """Return the likeliest set, once the members of the leading one were exchanged for what fits as well.
+
+    The sets that come of it join the pool.
+    """
+    best = likeliest(pool, unexplained)
+    swapped: list[set] = []
+    for _ in range(EXCHANGES):
+        sets = [c for c in pool if len(c.effects) > 1 and c.criterion <= best.criterion + HARDLY]
+        others = exchanges(problem, likeliest(sets, unexplained), pool) if sets else []
+        if best.places not in swapped:
+            swapped.append(best.places)
+            others += special_cases(problem, best, hypotheses) + reordered(problem, [best])
+            others += swaps(problem, best, [*pool, *others], hypotheses, n_jobs)
+        if not others:
+            break
+        pool += others
+        best = likeliest(pool, unexplained)
+    return best
+
+
+def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: float) -> Candidate:
+    """Return a set with one effect for two look-alikes at a port, if the second only mends a form."""
+    next_to_nothing = REFINES * (unexplained - best.fit.cost)
+    for one, other in bent_together(best):
+        kept = best.places - {one.place, other.place}
+        fewer = [
+            c
+            for c in pool
+            if len(c.effects) == len(best.effects) - 1
+            and kept <= c.places
+            and all(effect.port == one.port for effect in c.effects if effect.place not in kept)
+            and c.fit.cost - best.fit.cost <= next_to_nothing
+        ]
+        if fewer:
+            return likeliest(fewer, unexplained)
+    return best
+
+
+def named_by_reach(
+    problem: Problem, best: Candidate, pool: list[Candidate], unexplained: float, n_jobs
+) -> Candidate:
+    """Return a set under the name that its law has in a motion of this size, where that fits as well.
+
+    Slip elements are the friction of a body where all of them let go within the motion's standard deviation.
+    """
+    for effect in best.effects:
+        at, kept = effect.effect.reach, best.places - {effect.place}
+        if at is None or effect.port.kind != "state":
+            continue
+        x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
+        if effect.theta[at] > np.std(x @ effect.weights):
+            continue
+        rivals = [(c, declared_rival(best, c)) for c in pool if kept <= c.places and not odd(c)]
+        named = [converged(problem, c, n_jobs) for c, rival in rivals if rival and is_one_law(best, rival)]
+        without = min((c.fit.cost for c in pool if c.places == kept), default=unexplained)
+        as_good = [c for c in named if c.fit.cost - best.fit.cost <= FORM * (without - best.fit.cost)]
+        if as_good:
+            return min(as_good, key=lambda c: c.criterion)
+    return best
+
+
+def counted_from_zero(problem: Problem, best: Candidate) -> Candidate:
+    """Return a set whose references are zero, all or each, where the simulator's own parameters do the rest.
+
+    A gain that depends on the state, counted from elsewhere, is another gain of the simulator's, and the two
+    references of a product are told by their product alone: where both are near zero, by next to nothing.
+    """
+    places = [
+        (i, k)
+        for i, effect in enumerate(best.effects)
+        for k in effect.effect.references
+        if np.ptp(effect.bounds[k]) > 0
+    ]
+    for some in [places] + [[place] for place in places] * (len(places) > 1):
+        free = {place for place in some if np.ptp(best.effects[place[0]].bounds[place[1]]) > 0}
+        if not free:
+            continue
+        zero, n = _with_zeros(problem, best, free), best.n_samples
+        if n * np.log(zero.fit.cost / best.fit.cost) < 2.0 * np.log(np.log(n)) * len(free):
+            best = zero
+    return best
+
+
+def with_positive_amplitudes(problem: Problem, best: Candidate) -> Candidate:
+    """Return a set whose ripples and lines have positive amplitudes, phases within half a turn of zero."""
+    effects = tuple(effect.with_positive_amplitude() for effect in best.effects)
+    if effects == best.effects:
+        return best
+    return Candidate(fit(problem, best.fit.model._replace(effects=effects), iterations=0), best.n_samples)
+
+
+def _with_zeros(problem: Problem, candidate: Candidate, places: set[tuple[int, int]]) -> Candidate:
+    effects = tuple(
+        effect.with_zeros([k for j, k in places if j == i]) for i, effect in enumerate(candidate.effects)
+    )
+    model = candidate.fit.model._replace(effects=effects)
+    return converged(problem, Candidate(fit(problem, model), candidate.n_samples))
+
+
+def bent_together(candidate: Candidate) -> list[tuple[PlacedEffect, PlacedEffect]]:
+    """Return the look-alikes that act at one port."""
+    return [
+        (one, other)
+        for one, other in combinations(candidate.effects, 2)
+        if one.port == other.port and one.effect.code in other.effect.lookalikes
+    ]

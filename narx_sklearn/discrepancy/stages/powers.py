@@ -1,0 +1,68 @@
+"""Forces that go as a power of a signal: is it the one that the name says, or one that has no name?"""
+
+from collections.abc import Iterable
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
+from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
+from narx_sklearn.discrepancy.search.generic import HALF, ODD_POWER, POWERS, placed_powers, with_free_power
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.simulators.structure import Structure
+
+
+def with_another_power(problem: Problem, best: Candidate, alpha: float) -> Candidate | None:
+    """Return a set in which a law goes as another power than it has by its name, if one surely does.
+
+    No form is exact; a power that is off by less than a half is still the name's. One more number is fitted.
+    """
+    x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
+    for i, placed in enumerate(best.effects):
+        power, size = placed.effect.power, abs(x @ placed.weights).max() if placed.weights else 0.0
+        if power is None or not size > 0:
+            continue
+        freed = with_free_power(placed, power, size)
+        effects = (*best.effects[:i], freed, *best.effects[i + 1 :])
+        found = Candidate(
+            fit(problem, best.fit.model._replace(effects=effects), iterations=FINE), best.n_samples
+        )
+        if abs(found.effects[i].theta[1] - power.exponent) <= HALF:
+            continue
+        gained = deviance(problem, best.fit.model) - deviance(problem, found.fit.model)
+        if chance_of_noise(gained, 1, 1) <= alpha:
+            return found
+    return None
+
+
+def best_power(
+    problem: Problem,
+    refitted: Fit,
+    beside: Fit,
+    structure: Structure,
+    known: Iterable[Hypothesis],
+    n_jobs: int | None = None,
+) -> Candidate | None:
+    """Return the single force that goes best as a power none of what is ``known`` has; None where none does.
+
+    It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
+    """
+    run = problem.run(refitted.model)
+    placed = placed_powers(problem.simulator, structure, run.x[problem.rows[problem.inside]])
+    found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
+    return found[0] if found and _is_new(found[0].effects[0], known) else None
+
+
+def _is_new(power: PlacedEffect, known: Iterable[Hypothesis]) -> bool:
+    """Tell whether a power is surely more than a line, and no effect at home there has it."""
+    exponent, is_odd = power.theta[1], power.effect.code == ODD_POWER
+    taken = [
+        h.placed.effect.power.exponent
+        for h in known
+        if h.placed.effect.power is not None
+        and h.placed.effect.power.odd == is_odd
+        and (h.placed.port, h.placed.weights) == (power.port, power.weights)
+        and not h.placed.odd
+    ]
+    return exponent > POWERS[0] and all(abs(exponent - k) > HALF for k in taken)

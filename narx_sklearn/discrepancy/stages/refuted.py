@@ -1,0 +1,141 @@
+"""What speaks against names: what they leave, and what explains as much without them."""
+
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, odd
+from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
+from narx_sklearn.discrepancy.search.explain import probe
+from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
+from narx_sklearn.discrepancy.search.ranking import gains
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
+from narx_sklearn.discrepancy.stages.naming import FORM
+from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
+from narx_sklearn.discrepancy.stages.unnamed import SHARE, SUSPECT, UNEXPLAINED, curves_along
+
+BENT = 0.01  # share of what could be explained that effects which act together may leave: no more is form
+BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
+OUTDONE = 0.5  # share that bursts hold which hold more than all the names explain
+
+
+class Leftover(NamedTuple):
+    """The test of what a named set leaves, and what tells it best."""
+
+    p_value: float
+    gain: float  # what that would take, beyond what it takes off pure noise
+    of_form: bool = False  # told by a curve without a name, in an equation in which a named effect acts
+
+    def refutes(self, taken_off: float, share: float, alpha: float) -> bool:
+        """Tell whether it shows that a form is wrong: it is more than a share of what could be explained."""
+        return self.of_form and self.p_value <= alpha and self.gain > share * (taken_off + self.gain)
+
+
+def leftover_of(problem: Problem, best: Candidate, structure: Structure, settings: Settings) -> Leftover:
+    """Test what the named set leaves, and return what the best further column or curve would take.
+
+    A drift or an offset of an output does not count: the search held it against noise that drifts.
+    """
+    curves = curves_along(problem, best.fit, structure)
+    hypotheses = hypotheses_of(problem, best.fit, structure, settings)
+    named = [h for h in hypotheses if not (h.placed.place in best.places or is_of_a_sensor(h.placed))]
+    bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
+    is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
+    gain = gains(bank).gain
+    detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
+    curve_gain, at = 0.0, None
+    for h in set(bank.owner[is_curve]):
+        columns = np.flatnonzero(bank.owner == h)
+        G, b = bank.gram[np.ix_(columns, columns)], bank.plain[columns]
+        taken = float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b)
+        if taken > curve_gain:
+            curve_gain, at = taken, bank.hypotheses[h].placed.port
+    named_gain = float(np.where(is_curve, 0.0, gain).max(initial=0.0))
+    by_chance = BY_CHANCE * best.fit.cost / best.n_samples
+    of_form = at is not None and any(structure.share_equation(at, e.port) for e in best.effects)
+    return Leftover(
+        detection.p_value, max(curve_gain, named_gain) - by_chance, of_form and curve_gain > named_gain
+    )
+
+
+def only_stand_in(
+    refitted: Fit, best: Candidate, unnamed: Candidate | None, leftover: Leftover, alpha: float
+) -> bool:
+    """Tell whether effects that act together were bent to a law that is none of them.
+
+    One that has no name is then likelier, and simpler or visibly better, or they visibly leave something
+    where they act. What is left for one more name may be physics too, unless all are of one kind (sines, of
+    which a series makes anything).
+    """
+    if len(best.effects) < 2:
+        return False
+    if unnamed is not None and _is_likelier(unnamed, best):
+        better = best.fit.cost - unnamed.fit.cost
+        is_simpler = unnamed.n_values <= best.n_values
+        if is_simpler or better > REFINES * (refitted.cost - unnamed.fit.cost):
+            return True
+    is_series = len({effect.effect.code for effect in best.effects}) == 1
+    return leftover._replace(of_form=leftover.of_form or is_series).refutes(
+        refitted.cost - best.fit.cost, BENT, alpha
+    )
+
+
+def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:
+    """Tell whether what has no name is the likelier explanation, though names were before any data."""
+    before = 2 * np.log((1 - OUTSIDE) / OUTSIDE)
+    return unnamed.criterion < best.criterion - HARDLY - before
+
+
+def left_that_is_no_noise(
+    problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
+) -> tuple[Sign, ...]:
+    """Return what named effects leave of what noise does not do, where that is much beside them.
+
+    One name may be idealised. Where it takes two and that is not all, they stand in for something else. Noise
+    may be louder at times; bursts count that hold more than all the names explain.
+    """
+    remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state)
+    taken_off = refitted.cost - best.fit.cost
+    tolerated = {"bursts": OUTDONE}
+    otherwise = BENT if len(best.effects) > 1 else UNEXPLAINED
+    return tuple(
+        sign
+        for sign in remainder.speaking(SHARE * settings.alpha)
+        if sign.gain > tolerated.get(sign.kind, otherwise) * (taken_off + sign.gain)
+    )
+
+
+def may_be_drift(best: Candidate, alternatives) -> bool:
+    """Tell whether outputs are off by nothing but what may drift."""
+    of_sensors = all(is_of_a_sensor(effect) for effect in best.effects)
+    return of_sensors and any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
+
+
+def is_refuted(
+    refitted: Fit, best: Candidate, unnamed: Candidate | None, leftover: Leftover, alpha: float
+) -> bool:
+    """Tell whether names are none: they leave too much, or what has no name says more, or as much."""
+    taken_off = refitted.cost - best.fit.cost
+    level = SUSPECT if len(best.effects) > 1 else alpha
+    if leftover.p_value <= level and leftover.gain > UNEXPLAINED * (taken_off + leftover.gain):
+        return True
+    if leftover.refutes(taken_off, FORM, alpha):
+        return True
+    if unnamed is None:
+        return False
+    if is_a_change(unnamed, best):
+        return True  # a parameter of the simulator's own has changed
+    left = best.fit.cost - unnamed.fit.cost
+    if odd(best) and left >= -UNEXPLAINED * taken_off:
+        return True  # a name from elsewhere says no more than the curve does
+    if unnamed.n_values <= best.n_values and _is_likelier(unnamed, best):
+        return True  # no form needs to be more exact than a simpler law is
+    clearly = unnamed.criterion < best.criterion - HARDLY
+    return clearly and left > UNEXPLAINED * (refitted.cost - unnamed.fit.cost)

@@ -1,0 +1,152 @@
+"""Other effects in the places of a set's members: what stood there first need not be what fits best."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.bank import directions, effect_column, make_bank, moved_for, off
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.explain import FINE
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.ranking import gains, scaled
+
+SWAPS = 6  # effects that are tried in the place of a member because they would change the run alike
+LEFT = 0.1  # share of what a member changes that another may leave, for it to be tried
+
+
+def exchanges(problem: Problem, best: Candidate, pool: list[Candidate]) -> list[Candidate]:
+    """Return a set refitted with other effects of a pool in the places of its members.
+
+    The set was built on whichever stood first alone: the more general of two, one of several that fitted
+    equally well, or what went best with something that is no member any more. Special cases of a member are
+    tried, what the catalogue calls its look-alikes, and what alone was hardly worse.
+    """
+    alone = {c.effects[0].place: c.criterion for c in reversed(pool) if len(c.effects) == 1}
+    others = {effect.place: effect for c in reversed(pool) for effect in c.effects}
+    known = {frozenset(c.places) for c in (best, *pool)}
+    found = []
+    for i, member in enumerate(best.effects):
+        kept = (*best.effects[:i], *best.effects[i + 1 :])
+        for place, other in others.items():
+            related = other.effect.code in (*member.effect.holds, *member.effect.lookalikes)
+            as_good = abs(alone.get(place, np.inf) - alone.get(member.place, -np.inf)) <= HARDLY
+            places = frozenset({place, *(effect.place for effect in kept)})
+            is_new = len(places) > len(kept) and places not in known
+            if other.port == member.port and (related or as_good) and is_new:
+                known.add(places)
+                found.append(_swapped(problem, best, i, other))
+    return found
+
+
+def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return a set refitted with what a member becomes at an edge of its parameters, from where that lies.
+
+    Friction that holds and lets go makes a cost full of steps, on one of which the simpler law may have been
+    left standing; where its parameters are those of the more general by name, they are as good a beginning.
+    """
+    asked = {h.placed.effect.code: h.placed.effect for h in hypotheses if h.asked}
+    found = []
+    for i, member in enumerate(best.effects):
+        general, n = member.effect, len(member.effect.parameters)
+        given = dict(zip((p.name for p in general.parameters), member.theta, strict=False))
+        for special in (asked[code] for code in general.holds if code in asked):
+            names = [p.name for p in special.parameters]
+            if special.argument != general.argument or not given.keys() >= set(names):
+                continue
+            theta = (*(given[name] for name in names), *member.theta[n:])
+            effects = (
+                *best.effects[:i],
+                replace(member, effect=special, theta=theta),
+                *best.effects[i + 1 :],
+            )
+            model = best.fit.model._replace(effects=effects)
+            found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+    return found
+
+
+def swaps(
+    problem: Problem,
+    best: Candidate,
+    pool: Sequence[Candidate],
+    hypotheses: Sequence[Hypothesis],
+    n_jobs: int | None = None,
+) -> list[Candidate]:
+    """Return a set refitted with what would change its run as a member does, in that member's place.
+
+    Where an effect moves the run far, what is seen from the run without it tells little of its shape, and a
+    fit from there may end in another valley. About the fitted set the run is right: an effect that is as
+    good a name must change it there as the member does, wherever it acts, at some strength and from one of
+    its starts. Those that the pool already knows to fit as well as that promises are left out.
+    """
+    known: dict[frozenset, float] = {}
+    for candidate in sorted(pool, key=lambda c: -c.fit.cost):
+        known[frozenset(candidate.places)] = candidate.fit.cost
+    tried = []
+    for i, own in enumerate(best.fit.model.theirs):
+        member, kept = best.effects[i], (*best.effects[:i], *best.effects[i + 1 :])
+        rivals = [h for h in hypotheses if _may_replace(h, best, kept)]
+        for left, rival in _one_a_name(_alike(problem, best, member, own, rivals, n_jobs))[:SWAPS]:
+            before = known.get(frozenset({rival.place, *(effect.place for effect in kept)}), np.inf)
+            if before > best.fit.cost + left:
+                tried.append((i, rival))
+    return Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_swapped)(problem, best, i, rival) for i, rival in tried
+    )
+
+
+def _one_a_name(alike: list[tuple[float, PlacedEffect]]) -> list[tuple[float, PlacedEffect]]:
+    """Return of each effect the place where it leaves least."""
+    first: dict[str, tuple[float, PlacedEffect]] = {}
+    for left, rival in alike:
+        first.setdefault(rival.effect.code, (left, rival))
+    return list(first.values())
+
+
+def _swapped(problem: Problem, best: Candidate, i: int, rival: PlacedEffect) -> Candidate:
+    """Return a fitted set refitted with a rival for one of its members, the better of two fits.
+
+    One begins with all else as it was, one with all else moved as the tangents say: a rival that changes the
+    run as the member does, but for what the simulator's own parameters can do, leaves that to them, and they
+    may have far to go.
+    """
+    model, kept = best.fit.model, (*best.effects[:i], *best.effects[i + 1 :])
+    run = problem.run(model)
+    lost, won = (effect_column(problem, best.fit, run, effect) for effect in (best.effects[i], rival))
+    others = np.delete(np.arange(model.q.size), np.r_[model.theirs[i]])
+    moved = moved_for(problem, best.fit, lost - won, others)
+    moved = moved._replace(effects=(*moved.effects[:i], *moved.effects[i + 1 :], rival))
+    fits = [fit(problem, m, iterations=FINE) for m in (model._replace(effects=(*kept, rival)), moved)]
+    return Candidate(min(fits, key=lambda found: found.cost), best.n_samples)
+
+
+def _may_replace(hypothesis: Hypothesis, best: Candidate, kept: tuple[PlacedEffect, ...]) -> bool:
+    placed = hypothesis.placed
+    is_new = placed.place not in best.places
+    return is_new and hypothesis.asked and not (placed.odd and kept)
+
+
+def _alike(
+    problem: Problem,
+    best: Candidate,
+    member: PlacedEffect,
+    own: slice,
+    rivals: list[Hypothesis],
+    n_jobs: int | None,
+) -> list[tuple[float, PlacedEffect]]:
+    """Return the rivals that change the run nearly as a member does, with what they leave of its change."""
+    column = effect_column(problem, best.fit, problem.run(best.fit.model), member)
+    others = np.delete(best.fit.jacobian, np.r_[own], axis=2)
+    change = off(directions(others), best.fit.projector(column))
+    bank = make_bank(problem, best.fit._replace(jacobian=others, residual=change), rivals, n_jobs)
+    gain, strength = gains(bank)
+    size = float(np.sum(change**2))
+    found = {}
+    for j in np.argsort(gain, kind="stable"):
+        if size - gain[j] <= LEFT * size:
+            found[bank.owner[j]] = size - gain[j], scaled(bank, j, strength[j])
+    return sorted(found.values(), key=lambda pair: pair[0])

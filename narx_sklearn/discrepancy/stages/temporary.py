@@ -1,0 +1,306 @@
+"""Effects that act for a while only, looked for where the rest of the record leaves a mismatch."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.discrepancy.fitting.acting import age_of
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
+from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
+from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, within
+from narx_sklearn.discrepancy.search.bank import Bank, make_bank, out_of
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
+from narx_sklearn.discrepancy.search.explain import FINE, IN_REACH, Step, refit_leaders
+from narx_sklearn.discrepancy.search.lookalikes import likeliest
+from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged, hypotheses_of
+from narx_sklearn.discrepancy.stages.stretches import Stretches
+
+DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
+OF_TIME = {*DRIFTS, "stuck_sensor", "quantisation"}  # have times of their own, or none
+MOST = 0.8  # of the time that was looked at; what acts longer may as well act always
+LEADERS = 8  # effects that are fitted
+RIVALS = 6  # of those that always act, kept beside
+BEYOND = 4.0  # times what its tangent takes off, that an effect may take off once it is fitted
+AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
+FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
+SHARE = 0.5  # of alpha, for what acts for a while
+PASSES = 3  # over both ends, at most
+SETTLED = 4  # iterations of a fit when an end is moved
+
+Span = tuple[float, float]  # s since the session began
+
+
+class InSpan(NamedTuple):
+    """What was found to act in a span of time."""
+
+    problem: Problem  # under the noise of the rest
+    bank: Bank
+    candidates: list[Candidate]  # best first
+    value: float  # deviance of the best, its price added; that of different spans can be compared
+
+
+def search_in_spans(
+    spans: list[Span],
+    p: np.ndarray,
+    before: Searched,
+    structure: Structure,
+    settings: Settings,
+) -> Searched | None:
+    """Search for effects that act in a span of the record; None where none explains it better.
+
+    What acts for a while bends the parameters and the noise of a fit to the whole record, so both are taken
+    from the rest of it. The ends of the span are settled with the effect in it. It must take off more than
+    noise of any colour would let the best of all spans, effects and shapes, and be likelier than the best of
+    what always acts, each under noise of its own and with its price.
+
+    Parameters
+    ----------
+    spans : list of (float, float)
+        Where the search begins.
+    p : ndarray of shape (n_parameters,)
+        Parameters of the simulator from which it begins.
+    before : Searched
+        What the search for effects that always act came to.
+    """
+    if not spans:
+        return None
+    problem, refitted, steps = before
+    settings.tell("search for what acts for a while")
+    spared = fit_states(problem, refitted.model._replace(p=p))
+    base = spared.model if np.isfinite(spared.cost) else refitted.model  # a run may diverge elsewhere
+    always = before.pool
+    named = bool(always) and before.p_value <= settings.alpha
+    rival = likeliest(always, refitted.cost) if named else None
+    looks = (_found_in(span, problem, base, rival, structure, settings) for span in spans)
+    found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
+    if found is None:
+        return None
+    # within ends that are wrong what bends most comes first, so all have theirs roughly settled
+    roughly = _settled_each(found.problem, found.candidates, settings, passes=1)
+    near = _near(roughly)
+    settled = _settled_each(found.problem, near, settings)
+    best = settled[0]
+    value = deviance(found.problem, best.fit.model)
+    gained = deviance(problem, refitted.model) - value
+    n_spans = MOST_BLOCKS**2 / 2  # by their ends
+    n_values = n_shapes(best.effects[0], problem) * n_spans
+    chance = chance_of_noise(gained, len(found.bank.hypotheses), n_values)
+    if chance > SHARE * settings.alpha:
+        return None
+    to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
+    if to_beat <= value + best.price + HARDLY:
+        return None
+    noise, settled = _settled_again(found.problem, settled, value, settings)
+    problem = problem.with_noise(noise)
+    models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
+    models += [_in_span(c, settled[0].effects[0].during) for c in roughly[len(near) :]]
+    step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
+    return Searched(problem, fit(problem, refitted.model), [step])
+
+
+def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[Candidate]:
+    """Return the models fitted to the end, those that run."""
+    fits = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(fit)(problem, model, iterations=FINE) for model in models
+    )
+    return [Candidate(f, problem.n_seen) for f in fits if np.isfinite(f.cost)]
+
+
+def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | None:
+    """Return a set whose effects do not act beyond the samples fitted, where one did but not always."""
+    model = candidate.fit.model
+    first, last = _ends(problem)
+    effects = tuple(
+        replace(e, during=(max(e.during[0], first), min(e.during[1], last))) if e.passes else e
+        for e in model.effects
+    )
+    if effects == model.effects:
+        return None
+    given = sum(int(np.isinf(e.during).sum()) for e in model.effects if e.passes)
+    return replace(candidate, fit=candidate.fit._replace(model=model._replace(effects=effects)), given=given)
+
+
+def _ends(problem: Problem) -> Span:
+    """Return when the samples fitted begin and end, at the earliest and at the latest of all sessions."""
+    windows, dt = problem.windows, problem.simulator.dt
+    return float((windows.first - windows.began).min()) * dt, float((windows.last - windows.began).max()) * dt
+
+
+def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
+    """Return the times between which something may have acted: all stretches together, and the largest.
+
+    Where one reaches an end, what acted may as well be missing in it and there in the rest, which was taken
+    for ordinary. In several sessions it acts at the same time of each.
+    """
+    table, dt = stretches.table, problem.simulator.dt
+    if not len(table):
+        return []
+    start = age_of(problem.windows, table["start"].to_numpy()) * dt
+    stop = start + (table["stop"] - table["start"]).to_numpy() * dt
+    largest = int(table["share"].to_numpy().argmax())
+    first, last = _ends(problem)
+    near = AT_AN_END * (last - first)
+    found: list[Span] = []
+    for a, b in ((start.min(), stop.max()), (start[largest], stop[largest])):
+        if b - a <= MOST * (last - first):
+            begins = -np.inf if a - first < near else float(a)
+            ends = np.inf if last - b < near else float(b)
+            found += [(begins, ends)]
+            found += [(ends, np.inf)] * (begins == -np.inf) + [(-np.inf, begins)] * (ends == np.inf)
+    return list(dict.fromkeys(found))
+
+
+def may_stand_in(effects: Iterable[PlacedEffect]) -> bool:
+    """Tell whether a set may stand in for what acts for a while: something in it changes with time."""
+    return any(effect.effect.code in DRIFTS for effect in effects)
+
+
+def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
+    """Tell whether a set acts alike on other samples: nothing drifts, begins or ends."""
+    return not any(effect.passes or effect.effect.code in DRIFTS for effect in effects)
+
+
+def large_parts(problem: Problem) -> list[Span]:
+    """Return the halves of the time that is looked at, and its middle."""
+    first, last = _ends(problem)
+    quarter = 0.25 * (last - first)
+    return [(-np.inf, first + 2 * quarter), (first + quarter, last - quarter), (last - 2 * quarter, np.inf)]
+
+
+def _found_in(
+    span: Span,
+    problem: Problem,
+    base: Model,
+    always: Candidate | None,
+    structure: Structure,
+    settings: Settings,
+) -> InSpan | None:
+    """Fit the effects that explain most in a span of time, under the noise of the rest.
+
+    None where none of them comes near to what is explained by effects that ``always`` act.
+    """
+    time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
+    acting = problem.inside & within(span, time)
+    quiet = problem.seen & ~acting[:, :, None]
+    if quiet.sum() < (1 - MOST) * problem.seen.sum():
+        return None
+    left = np.where(quiet, problem.left_over(base), 0.0)
+    own = problem.with_noise(estimate_noise(left, quiet))
+    start = fit_states(own, base)
+    rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
+    if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
+        return None
+    hypotheses = [
+        h._replace(placed=replace(h.placed, during=span))
+        for h in hypotheses_of(own, start, structure, settings)
+        if h.asked and h.placed.effect.code not in OF_TIME
+    ]
+    bank = make_bank(own, start, hypotheses, settings.n_jobs)
+    taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
+    if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
+        return None
+    placed = with_pushes(bank, LEADERS)
+    found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
+    if not found:
+        return None
+    return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
+
+
+def _left_outside(touched: np.ndarray, start: Fit) -> float:
+    """Return the cost of the windows that nothing in a span touched, the parameters fitted to them alone.
+
+    No effect that acts in the span only leaves less.
+    """
+    outside = ~touched
+    if not outside.any():
+        return 0.0
+    residual = start.residual[outside][:, :, None]
+    return float(np.sum(out_of(start.jacobian[outside], residual) ** 2))
+
+
+def _in_span(candidate: Candidate, span: Span) -> Model:
+    """Return the model of a candidate with its effect acting in another span."""
+    (effect,) = candidate.effects
+    return candidate.fit.model._replace(effects=(replace(effect, during=span),))
+
+
+def _settled_again(
+    problem: Problem, settled: list[Candidate], value: float, settings: Settings
+) -> tuple[Noise, list[Candidate]]:
+    """Settle the ends once more under the noise that the best effect leaves, where that is clearer.
+
+    The noise of the rest was coloured by what acts for longer than the span that was searched. That which is
+    left in the end is returned too.
+    """
+    noise = clearer_noise(problem, settled[0].fit)
+    if noise is None:
+        return problem.noise, settled
+    clearer = problem.with_noise(noise)
+    near = [replace(c, fit=fit(clearer, c.fit.model)) for c in _near(settled)]
+    again = _settled_each(clearer, near, settings)
+    if deviance(clearer, again[0].fit.model) < value:
+        return clearer_noise(clearer, again[0].fit) or noise, again
+    return noise, settled
+
+
+def _near(candidates: list[Candidate]) -> list[Candidate]:
+    """Return those of some candidates, best first, that ends settled more finely may bring to the front."""
+    return [c for c in candidates if c.criterion < candidates[0].criterion + IN_REACH]
+
+
+def _settled_each(
+    problem: Problem, candidates: list[Candidate], settings: Settings, passes: int = PASSES
+) -> list[Candidate]:
+    """Return effects with the ends of their time settled, best first."""
+    settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
+        delayed(_settled)(problem, c, passes) for c in candidates
+    )
+    return sorted(settled, key=lambda c: c.criterion)
+
+
+def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
+    """Return an effect that acts for a while with the ends of its time where they fit best.
+
+    Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
+    One that leaves the samples fitted is not known.
+    """
+    dt = problem.simulator.dt
+    first, last = _ends(problem)
+
+    def moved(span: Span, end: int, way: float) -> Span:
+        to = round((span[end] + way) / dt) * dt
+        if end == 0:
+            return (to if to > first else -np.inf), span[1]
+        return span[0], (to if to < last else np.inf)
+
+    def descended(best: Candidate, step: float) -> Candidate:
+        while step > max(FINEST * (last - first), dt):
+            for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
+                span = best.effects[0].during
+                if not np.isfinite(span[end]):
+                    continue
+                span = moved(span, end, way)
+                if max(span[0], first) + 2 * dt < min(span[1], last):
+                    trial = fit(problem, _in_span(best, span), iterations=SETTLED, rough=True)
+                    if trial.cost < best.fit.cost:
+                        best = Candidate(trial, best.n_samples)
+            step /= 2
+        return best
+
+    begins, ends = candidate.effects[0].during
+    step = 0.25 * (min(ends, last) - max(begins, first))
+    best = candidate
+    for _ in range(passes):
+        before, best = best, descended(best, step)
+        if best is before:
+            break
+    return converged(problem, best)

@@ -1,0 +1,135 @@
+"""What has no name: the best curve, power or wave, and whether it explains what is missing."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.placed import ALWAYS
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance, n_shapes
+from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
+from narx_sklearn.discrepancy.search.generic import (
+    TERMS,
+    curve_hypotheses,
+    line_hypotheses,
+    pulse_hypotheses,
+    without_terms,
+)
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.inference import covariance
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.powers import best_power
+from narx_sklearn.discrepancy.stages.remainder import look_at_remainder, look_for_pulse
+
+UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
+SHARE = 0.5  # of alpha, for what has no name
+SUSPECT = 0.05  # level at which something counts that is no finding of its own
+
+
+def best_unnamed(
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    structure: Structure,
+    settings: Settings,
+    known: Iterable[Hypothesis],
+    waves: Sequence[float] = (),
+) -> Candidate | None:
+    """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
+
+    So are forces that go as a power, but one that an effect has which is ``known``. Beside what acts for a
+    while, curves are tried that do too, and a change of the simulator's own parameters meanwhile; and what
+    pulsates at the frequencies of some ``waves``, Hz.
+    """
+    curves = curves_along(problem, refitted, structure)
+    times = {effect.during for effect in best.effects}
+    during = times.pop() if len(times) == 1 else ALWAYS
+    fine = 1.0 / (problem.simulator.dt * len(problem.y))  # between two that the record tells apart
+    for wave in waves:
+        curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
+    placed = [curve.placed for curve in curves]
+    if during != ALWAYS:
+        curves += line_hypotheses(problem.simulator, structure)
+        placed += [replace(curve.placed, during=during) for curve in curves]
+    beside = refitted._replace(model=best.fit.model._replace(effects=()))
+    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
+    power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
+    laws = [*(simplified(problem, curve) for curve in found[:1]), *([power] if power is not None else [])]
+    return min(laws, key=lambda c: c.criterion, default=None)
+
+
+def simplified(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return a set without the terms of a polynomial that do not pay for themselves (Schwarz 1978).
+
+    A law of the terms that are there holds also beyond the motion on which it was fitted. All that are lost
+    in their errors go at once, then the weakest by turns.
+    """
+    if len(candidate.effects) != 1 or candidate.effects[0].effect.code not in TERMS:
+        return candidate
+    best, dropped, at_once = candidate, set[int](), True
+    while True:
+        (placed,), (theirs,) = best.effects, best.fit.model.theirs
+        n_terms = len(TERMS[placed.effect.code])
+        dropped = {j for j in dropped if j < n_terms}
+        if len(dropped) == n_terms - 1:
+            return best
+        error = np.sqrt(np.maximum(np.diag(covariance(problem, best.fit))[theirs][:n_terms], 0.0))
+        size = np.abs(placed.theta[:n_terms]) / np.where(error > 0, error, np.inf)
+        size[list(dropped)] = np.inf
+        order = np.argsort(size)
+        n_lost = min(np.count_nonzero(size < 1.0), n_terms - 1 - len(dropped)) if at_once else 1
+        weak = set(order[: max(n_lost, 1)].tolist())
+        fewer = without_terms(placed, dropped | weak)
+        found = fit(problem, best.fit.model._replace(effects=(fewer,)), iterations=FINE)
+        if found.cost - best.fit.cost <= len(weak) * np.log(candidate.n_samples):
+            best, dropped = Candidate(found, candidate.n_samples), dropped | weak
+        elif len(weak) == 1:
+            return best
+        at_once = False
+
+
+def best_pulsating(
+    problem: Problem,
+    refitted: Fit,
+    unnamed: Candidate | None,
+    structure: Structure,
+    settings: Settings,
+    known: Iterable[Hypothesis],
+) -> Candidate | None:
+    """Return what pulsates, where something surely does and it is better than a curve; else the curve."""
+    pulse = look_for_pulse(problem, refitted, structure, settings.random_state)
+    if pulse.p_value > SHARE * settings.alpha:
+        return unnamed
+    base = Candidate(refitted, problem.n_seen)
+    pulsating = best_unnamed(problem, refitted, base, structure, settings, known, pulse.frequencies)
+    found = [c for c in (unnamed, pulsating) if c is not None]
+    return min(found, key=lambda c: c.criterion, default=None)
+
+
+def curves_along(problem: Problem, found: Fit, structure: Structure) -> list[Hypothesis]:
+    """Return the unnamed curves at every port, knots where a fitted model's run goes."""
+    run = problem.run(found.model)
+    rows = problem.rows[problem.inside]
+    return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
+
+
+def is_explained_by(
+    problem: Problem, base: Candidate, curve: Candidate, structure: Structure, settings: Settings
+) -> bool:
+    """Tell whether a curve takes off more than noise of any colour would let it, and leaves noise.
+
+    A broken line has corners that a smooth law has not: what it leaves may be no noise, if it is little.
+    """
+    gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
+    if chance_of_noise(gained, 1, n_shapes(curve.effects[0], problem)) > SUSPECT:
+        return False
+    rest = look_at_remainder(problem, curve.fit.model, structure, settings.random_state)
+    taken_off = base.fit.cost - curve.fit.cost
+    return not any(
+        sign.gain == 0 or sign.gain > UNEXPLAINED * (taken_off + sign.gain)  # of some signs it is not known
+        for sign in rest.speaking(SHARE * settings.alpha)
+    )
