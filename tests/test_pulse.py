@@ -94,6 +94,21 @@ def test_noise_holds_no_pulse_even_where_the_drive_is_a_sine(seed):
     assert pulse.p_value > 0.01
 
 
+@pytest.mark.parametrize("depth", [0.3, 0.6])
+def test_the_gain_of_a_pulse_is_what_its_wave_would_take_off(depth):
+    u, y, _ = recorded(np.random.default_rng(0), softened, depth)
+    problem, found = fitted(u, y)
+    run, linear = along(problem, found)
+    structure = find_structure(make(), run.x, u)
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    pulse = strongest_pulse(problem, found, run, linear, e, structure, np.random.default_rng(1))
+    machine = make(softened, ("u", "wave"), (1.05, 0.6, 11.5))
+    wave = depth * np.sin(2 * np.pi * HERTZ * DT * np.arange(len(u)) + 0.4)
+    told = Problem(machine, np.column_stack([u[:, 0], wave]), y, problem.windows, problem.noise)
+    left = fit(told, found.model._replace(p=machine.nominal)).cost
+    assert pulse.gain == pytest.approx(found.cost - left, rel=0.5)
+
+
 def test_windows_far_apart_tell_no_frequency():
     rng = np.random.default_rng(0)
     u, y, _ = recorded(rng)
@@ -120,3 +135,12 @@ def test_a_parameter_that_pulsates_is_told_and_modelled(rhs, depth, port, size):
     assert finding.units["f"] == "Hz"
     refitted, augmented = (s.simulate(u) for s in (found.refitted_simulator_, found.simulator_))
     assert np.std(moved - augmented) < 0.5 * np.std(moved - refitted)
+
+
+def test_a_line_by_name_does_not_stand_for_what_pulsates():
+    """Whatever else a wave times a motion is, it has lines, of which a name takes one."""
+    u, y, _ = recorded(np.random.default_rng(0), softened, 0.6)
+    found = DiscrepancyRegressor(make(), effects=["periodic_disturbance", "gain_drift"]).fit(u, y)
+    assert found.verdict_ == "unknown"
+    (finding,) = found.findings_
+    assert (finding.title, finding.port) == ("a parameter that pulsates", "state:1")

@@ -28,6 +28,7 @@ class Pulse(NamedTuple):
     frequencies: tuple[float, ...]  # cycles in a sample: the clearest, and others nearly as clear
     p_value: float
     placed: PlacedEffect  # which signal it multiplies, and where that acts
+    gain: float  # by how much the cost would fall with it, noise variances
 
 
 def strongest_pulse(
@@ -80,7 +81,8 @@ def strongest_pulse(
     near = near[(near >= 0) & (near < ratio.size)]
     chances = exceeded(ratio[at], DRAWS), exceeded(ratio[at] / max(np.mean(ratio[near]), 1e-300), near.size)
     chance = float(min(1.0, n_tried * max(chances)))
-    return Pulse(tuple((_peaks(ratio) + FINER * SLOW) / (FINER * length)), chance, placed)
+    gain = 2.0 * float(ratio[at])  # chi-squared, of a sine and a cosine, is twice the ratio
+    return Pulse(tuple((_peaks(ratio) + FINER * SLOW) / (FINER * length)), chance, placed, gain)
 
 
 def _peaks(ratio: np.ndarray) -> np.ndarray:

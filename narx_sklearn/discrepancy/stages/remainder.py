@@ -391,4 +391,4 @@ def _pulse(
     where = port_in_words(pulse.placed.port, problem.simulator)
     or_these = " or ".join(f"{f:.4g}" for f in hertz)
     words = f"It goes with {pulse.placed.argument_name} times a wave of {or_these} Hz, acting {where}."
-    return Sign("pulse", words, pulse.p_value, hertz)
+    return Sign("pulse", words, pulse.p_value, hertz, pulse.gain)
