@@ -146,7 +146,7 @@ def searched():
 
 
 def test_an_effect_in_another_valley_is_tried_where_the_best_is():
-    """A limit of the drive, fitted from a quarter of the stiffness, stays there; friction knows better."""
+    """A limit of the drive, fitted from a tenth of the stiffness, stays there; friction knows better."""
     rng = np.random.default_rng(0)
     u = np.repeat(rng.normal(0.0, 3.0, 60), 25)[:, None]
     friction = PlacedEffect(CATALOGUE["coulomb_friction"], FORCE, (0.0, 1.0), theta=(0.6,))
@@ -155,7 +155,7 @@ def test_an_effect_in_another_valley_is_tried_where_the_best_is():
     windows = cut([(slice(0, 1500), 0)], 1500, 1)
     problem = Problem(make_spring(), u, y, windows, Noise.white(np.array([0.002])))
     base = fit(problem, Model(problem.simulator.nominal, (), np.zeros((1, 2))))
-    afar = base.model._replace(p=np.array([0.1, 10.0]), effects=(limit,))
+    afar = base.model._replace(p=np.array([0.1, 3.0]), effects=(limit,))
     near = base.model._replace(effects=(friction,))
     known = [Candidate(fit(problem, model), problem.n_seen) for model in (near, afar)]
     assert known[1].fit.cost > 100 * base.cost

@@ -169,7 +169,8 @@ def _tangents(frame: _Frame, now: Attempt, x_steps: np.ndarray, n_jobs: int | No
     problem, steps = frame.problem, difference_steps(now.model, frame.bounds, frame.scale)
     projector = Projector.of(_finite(problem.states_sensitivity(now.model, now.run, x_steps, n_jobs)))
     J = _finite(problem.parameter_sensitivity(now.model, now.run, steps, n_jobs))
-    J[:, :, np.linalg.norm(J.reshape(-1, steps.size) * steps, axis=0) <= frame.rounding] = 0.0
+    heard = np.sqrt(np.einsum("wti,wti->i", J, J)) * np.abs(steps)
+    J[:, :, heard <= frame.rounding] = 0.0
     return Tangents(steps, projector, J, _heard(J, projector(J)))
 
 
