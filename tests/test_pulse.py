@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import response
 from narx_sklearn.discrepancy.stages.pulse import gradients_by_force, strongest_pulse
+from narx_sklearn.report._words import headline
 
 DT, HERTZ, SIGMA = 0.02, 3.7, 0.004
 NAMES, NOMINAL = ("b", "c", "k [1/s^2]"), (1.0, 0.5, 12.0)
@@ -144,3 +145,7 @@ def test_a_line_by_name_does_not_stand_for_what_pulsates():
     assert found.verdict_ == "unknown"
     (finding,) = found.findings_
     assert (finding.title, finding.port) == ("a parameter that pulsates", "state:1")
+    assert "A parameter of the simulation is not always the same." in found.report_
+    assert headline(found).startswith(
+        "A parameter of the simulation is not always the same: A parameter that pulsates in the equation of v"
+    )

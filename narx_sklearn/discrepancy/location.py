@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.locate import (
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.discrepancy.units import rate_of, tidy_unit
 
 FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
@@ -113,7 +113,7 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
     port, drive, force = int(first["index"]), 0, location.force["force"].to_numpy()
 
     def with_rate(values: np.ndarray, signal: Signal) -> tuple[np.ndarray, np.ndarray, str, str]:
-        moves = Signal(f"rate of {signal.name}", tidy_unit(f"{signal.unit}/s") if signal.unit else "")
+        moves = Signal(rate_of(signal.name), tidy_unit(f"{signal.unit}/s") if signal.unit else "")
         return values, np.gradient(values, simulator.dt), str(signal), str(moves)
 
     if first["kind"] == "input":

@@ -6,7 +6,8 @@ from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.results import LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.results import CHANGES, LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
 from narx_sklearn.discrepancy.search.inference import told_together, untold
 from narx_sklearn.discrepancy.units import in_seconds, rounded
 
@@ -34,7 +35,13 @@ def verdict_sentence(dx) -> str:
         return "What the simulation misses may be the error of its own integration steps."
     if dx.verdict_ == "unknown" and dx._diagnosis.record_misleads:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
-    return VERDICTS[dx.verdict_]
+    return f"{CHANGES}." if is_a_change(dx) else VERDICTS[dx.verdict_]
+
+
+def is_a_change(dx) -> bool:
+    """Tell whether all that was found is that the simulation's own parameters change or pulsate."""
+    titles = {finding.title for finding in dx.findings_}
+    return dx.verdict_ == "unknown" and bool(titles) and titles <= {TITLES[LINE], TITLES[PULSE]}
 
 
 def _record(dx) -> list[str]:

@@ -13,6 +13,7 @@ VERDICTS = {
     "ambiguous": "Physics is missing; these recordings cannot tell some explanations apart.",
     "unknown": "Physics is missing that the catalogue does not hold.",
 }
+CHANGES = "A parameter of the simulation is not always the same"  # which no effect of the catalogue does
 
 
 NOTHING_MISSING = ("consistent", "refit")

@@ -4,7 +4,20 @@ import math
 import re
 from typing import NamedTuple
 
+RATE = "rate"  # with which the name of a rate may begin
 TOKEN = re.compile(r"\s*(?:([^\s/*()^]+|\))(?:\^(-?\d+))?(?!\^)|([/*(]))\s*")
+
+
+def rate_of(name: str) -> str:
+    """Return what the rate of a signal is called, where the signal may be a rate itself.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.units import rate_of
+    >>> rate_of("level"), rate_of("rate of turn")
+    ('rate of level', 'change of rate of turn')
+    """
+    return f"change of {name}" if name.lower().startswith(f"{RATE} ") else f"rate of {name}"
 
 
 def tidy_unit(unit: str) -> str:

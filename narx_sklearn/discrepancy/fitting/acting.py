@@ -6,7 +6,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
 from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.discrepancy.units import rate_of, tidy_unit
 
 
 def state_forces(
@@ -157,8 +157,9 @@ def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
         return f"added to {simulator.inputs[placed.through].name}"
     if placed.inertial:
         return f"added to the acceleration of {_signal(placed.port, simulator).name}"
-    rate = "the rate of " if placed.port.kind == "state" and not simulator.discrete else ""
-    return f"added to {rate}{_signal(placed.port, simulator).name}"
+    name = _signal(placed.port, simulator).name
+    is_rate = placed.port.kind == "state" and not simulator.discrete
+    return f"added to the {rate_of(name)}" if is_rate else f"added to {name}"
 
 
 def _signal(port: Port, simulator: Simulator) -> Signal:

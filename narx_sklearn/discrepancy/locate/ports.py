@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce
 from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.discrepancy.units import rate_of, tidy_unit
 from narx_sklearn.physics.effects import PORTS
 
 FEWEST_BLOCKS = 20  # stretches whose log likelihoods are compared in pairs
@@ -174,5 +174,5 @@ def _as_good(differences: np.ndarray) -> float:
 def _name(simulator: Simulator, port: Port) -> tuple[str, str]:
     signal = simulator.signals_at(port.kind)[port.index]
     if port.kind == "state" and not simulator.discrete:
-        return f"rate of {signal.name}", tidy_unit(f"{signal.unit or 1}/s")
+        return rate_of(signal.name), tidy_unit(f"{signal.unit or 1}/s")
     return signal.name, signal.unit

@@ -93,12 +93,14 @@ def spikes_as_findings(spikes: np.ndarray, outputs: Sequence[Signal]) -> list[Da
     for column, signal in zip(spikes.T, outputs, strict=True):
         at = np.flatnonzero(column)
         if at.size:
+            some = "One sample" if at.size == 1 else f"{at.size} samples"
+            told = f"{some} of {signal.name} {'stands' if at.size == 1 else 'stand'}"
             first = ", ".join(map(str, at[:SHOWN])) + (", ..." if at.size > SHOWN else "")
             found.append(
                 DataFinding(
                     "spikes",
-                    f"{at.size} samples of {signal.name} stand alone, far off those before and after "
-                    f"({first}): a sensor or a line that fails for a moment. They were taken as missing.",
+                    f"{told} alone, far off what was before and after ({first}): a sensor or a line that "
+                    "fails for a moment. Taken as missing.",
                     {"output": signal.name, "count": int(at.size), "samples": at.tolist()},
                 )
             )

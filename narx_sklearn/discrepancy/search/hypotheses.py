@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.units import is_per_time, scale_to, tidy_unit
+from narx_sklearn.discrepancy.units import is_per_time, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
@@ -152,7 +152,7 @@ def _on_the_move(effect: Effect, i: int, simulator: Simulator, structure: Struct
         if structure.states[before].sum() == 1 and simulator.free_states[before]:
             name, unit = simulator.states[i]
             weights = weights_of(len(simulator.states), {i: 1 / simulator.dt, before: -1 / simulator.dt})
-            rate = Argument(weights, f"rate of {name}", tidy_unit(f"{unit}/s") if unit else "")
+            rate = Argument(weights, rate_of(name), tidy_unit(f"{unit}/s") if unit else "")
             yield replace(placed_at(effect, Port("state", i), rate), inertial=True)
 
 
