@@ -212,7 +212,14 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
     if effect.power is not None and not isinstance(effect.power, Power):
         refuse(f"power must be Power(exponent, odd) or None, got {effect.power!r}.")
-    for name in ("amplitude", "begin", "form", "reach"):
+    for name in ("levels", "references", "instants"):
+        indices = getattr(effect, name)
+        if not isinstance(indices, tuple) or not all(index in range(n) for index in indices):
+            refuse(f"{name} must be a tuple of indices of its {n} parameters, got {indices!r}.")
+    for name in ("levels", "instants"):
+        if len(getattr(effect, name)) not in (0, 2):
+            refuse(f"{name} are two indices or none, got {getattr(effect, name)!r}.")
+    for name in ("amplitude", "begin", "form", "reach", "phase"):
         index = getattr(effect, name)
         if index is not None and not 0 <= index < n:
             refuse(f"{name} must index one of its {n} parameters or be None, got {index!r}.")
