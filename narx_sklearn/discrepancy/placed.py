@@ -94,6 +94,8 @@ class PlacedEffect:
 
     def with_zeros(self, indices: Collection[int]) -> "PlacedEffect":
         """Return it with some parameters held at zero."""
+        if not indices:
+            return self
         theta, limits = np.array(self.theta), self.bounds
         at = list(indices)
         theta[at], limits[at] = 0.0, 0.0

@@ -113,8 +113,9 @@ def counted_from_zero(problem: Problem, best: Candidate) -> Candidate:
         free = {place for place in some if np.ptp(best.effects[place[0]].bounds[place[1]]) > 0}
         if not free:
             continue
-        zero, n = _with_zeros(problem, best, free), best.n_samples
-        if n * np.log(zero.fit.cost / best.fit.cost) < 2.0 * np.log(np.log(n)) * len(free):
+        zero = _with_zeros(problem, best, free)
+        worse = (zero.criterion - zero.price) - (best.criterion - best.price)
+        if worse < 2.0 * np.log(np.log(best.n_samples)) * len(free):
             best = zero
     return best
 
