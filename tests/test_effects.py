@@ -837,6 +837,10 @@ class TestTransforms:
         assert held_runs(signal) == [(100, 105)]
         assert held_runs(np.append(np.nan, signal)) == [(101, 106)]
         assert held_runs(np.round(signal)) == []
+        coarse = np.round(50.0 * np.random.default_rng(0).normal(size=60000))
+        # four in a row its resolution may have by chance
+        coarse[3000:3004], coarse[9000:9020] = coarse[3000], coarse[9000]
+        assert held_runs(coarse) == [(9000, 9020)]
         assert held_runs(np.full(9, 2.0)) == held_runs(np.full(9, np.nan)) == held_runs(np.empty(0)) == []
 
     @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from narx_sklearn._validation import true_runs
 SHORTEST_HOLD = 4  # samples that a sensor is stuck
 FEW_HOLDS = 3  # in a record: a signal that stands more often is coarse, or rests
 REPEATS = 0.02  # of the other samples, that may repeat the one before where repeats tell of a hold
+BY_CHANCE = 1e-3  # stretches that values of finite resolution repeat over in a record, at most
 ROUNDING = 1e-14  # of the largest value, up to which two values that were reckoned with are the same
 
 
@@ -51,5 +52,8 @@ def held_runs(values: np.ndarray) -> list[tuple[int, int]]:
     held = sum(sorted(b - a - 1 for a, b in runs)[-FEW_HOLDS:])
     if not runs or same.sum() - held > REPEATS * (values.size - held):
         return []
+    chance = max(same.sum() - held, 1) / values.size  # that one sample repeats the one before
     low, high = np.nanmin(values) + rounding, np.nanmax(values) - rounding
-    return [(a, b) for a, b in runs if low < values[a] < high]
+    return [
+        (a, b) for a, b in runs if low < values[a] < high and values.size * chance ** (b - a - 1) < BY_CHANCE
+    ]
