@@ -136,7 +136,8 @@ class Effect:
         do what another reference does; then it is zero.
     instants : tuple of int
         Indices of the two parameters that tell when something that happened once began, and how long it took:
-        each is chosen among all samples.
+        each is chosen among all samples. Its transform sees the whole record, from whose beginning both
+        count.
     n_memory : int
         States of its own.
     jumps : bool
