@@ -35,10 +35,10 @@ def verdict_sentence(dx) -> str:
         return "What the simulation misses may be the error of its own integration steps."
     if dx.verdict_ == "unknown" and dx._diagnosis.record_misleads:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
-    return f"{CHANGES}." if is_a_change(dx) else VERDICTS[dx.verdict_]
+    return f"{CHANGES}." if only_changes(dx) else VERDICTS[dx.verdict_]
 
 
-def is_a_change(dx) -> bool:
+def only_changes(dx) -> bool:
     """Tell whether all that was found is that the simulation's own parameters change or pulsate."""
     titles = {finding.title for finding in dx.findings_}
     return dx.verdict_ == "unknown" and bool(titles) and titles <= {TITLES[LINE], TITLES[PULSE]}

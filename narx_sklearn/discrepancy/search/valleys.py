@@ -32,6 +32,8 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
         for i in np.argsort(left, kind="stable")[:FITTED]:
             if np.isfinite(left[i]):
                 found = min(found, _settled(problem, models[i]), key=lambda f: f.cost)
+        if found is before and not last.effect.valleys:  # the next round would try the same again
+            break
     return found
 
 
