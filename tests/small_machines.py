@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -48,6 +48,13 @@ def recorded_oscillator(equations, noise, seed):
     u = levels(rng, 1500)
     y = make_oscillator(equations).simulate(u)
     return u, y + noise * np.std(y) * rng.normal(size=y.shape)
+
+
+def diagnosed_oscillator(equations, effects, noise, seed):
+    """Return the diagnosis of such a recording, by an oscillator whose parameters are a tenth off."""
+    u, y = recorded_oscillator(equations, noise=noise, seed=seed)
+    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
+    return DiscrepancyRegressor(simulator, effects=effects, random_state=0).fit(u, y)
 
 
 def circuit(x, u, p):

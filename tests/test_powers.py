@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_machines import axis_problem, make_oscillator, recorded_oscillator
+from small_machines import axis_problem, diagnosed_oscillator
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
@@ -145,10 +144,8 @@ def held_and_rubbing(x, u, p):
     [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
 )
 def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
-    u, y = recorded_oscillator(machine, noise=0.03, seed=0)
-    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
     named = ["quadratic_drag", "cubic_stiffness", "cogging"]
-    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    dx = diagnosed_oscillator(machine, named, noise=0.03, seed=0)
     assert dx.verdict_ == "unknown"
     (finding,) = dx.findings_
     assert (finding.effect, finding.port) == ("unknown", "state:1")
@@ -163,10 +160,8 @@ def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponen
 
 
 def test_a_power_without_a_name_may_stand_beside_a_name():
-    u, y = recorded_oscillator(held_and_rubbing, noise=0.01, seed=0)
-    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
-    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    dx = diagnosed_oscillator(held_and_rubbing, named, noise=0.01, seed=0)
     assert dx.verdict_ == "unknown"
     findings = {finding.effect: finding for finding in dx.findings_}
     assert findings.keys() == {"unknown", "coulomb_friction"}

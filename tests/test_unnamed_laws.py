@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from small_machines import levels, make_oscillator, recorded_oscillator
+from small_machines import diagnosed_oscillator, levels, make_oscillator
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -86,10 +85,8 @@ def test_what_is_no_polynomial_is_left_as_it_is():
 
 
 def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
-    u, y = recorded_oscillator(van_der_pol, noise=0.01, seed=1)
-    simulator = make_oscillator(gain=4.4, damping=0.9, stiffness=22.0)
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
-    dx = DiscrepancyRegressor(simulator, effects=named, random_state=0).fit(u, y)
+    dx = diagnosed_oscillator(van_der_pol, named, noise=0.01, seed=1)
     assert dx.verdict_ == "unknown"
     (finding,) = dx.findings_
     assert "x2v x^2 v" in finding.equation
