@@ -1,7 +1,7 @@
 """Where a simulation and a recording part: which port, which times, which regions, which frequencies.
 
-``ports`` compares the unknown signals that ``latent_force`` estimates (kernels in ``_kalman``) on the
-``tangent`` of a run; ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
+``ports`` compares the unknown signals that ``latent_force`` estimates on the ``tangent`` of a run, by their
+``_likelihood`` over the ``_covered`` samples (kernels in ``_kalman``); ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
 ``invariances`` (over ``_hats``) say what it is like. ``segments`` and ``events`` tell when, ``regions`` over
 ``features`` where in the machine's operation, ``bands`` at which frequencies.
 """

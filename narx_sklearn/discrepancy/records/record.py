@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.columns import (
     read_columns,
     unlike_units,
 )
-from narx_sklearn.discrepancy.locate.latent_force import FEWEST_VALUES
+from narx_sklearn.discrepancy.locate._covered import FEWEST_VALUES
 from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.windows import shortest_window
