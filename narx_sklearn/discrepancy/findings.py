@@ -10,8 +10,11 @@ from narx_sklearn.discrepancy.fitting.acting import (
     correction,
     correction_name,
     correction_unit,
+    name_added,
     port_in_words,
+    unit_added,
 )
+from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
@@ -21,19 +24,26 @@ from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_la
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
+from narx_sklearn.discrepancy.units import in_seconds, tidy_unit
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
-def make_findings(diagnosis: Diagnosis, level: float, simulator: Simulator, likeliest: Port) -> list[Finding]:
+def make_findings(
+    diagnosis: Diagnosis, level: float, simulator: Simulator, location: Location
+) -> list[Finding]:
     """Return the findings of a diagnosis, those first that explain most.
 
-    What is no noise but has no name or curve is said to enter at the ``likeliest`` port.
+    What is no noise but has no name or curve is said to enter at the likeliest port of a location.
     """
     best, base = diagnosis.best, diagnosis.refitted
+    if diagnosis.unforeseen is not None:
+        return [_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location)]
     if not best.effects:
+        first = location.ports.iloc[0]
+        likeliest = Port(first["kind"], int(first["index"]))
         return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
     sure = intervals(diagnosis.problem, best.fit, level)
     share = 1 - best.fit.cost / base.cost
@@ -123,6 +133,35 @@ def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Findin
         improvement=0.0,
         separate_by="; ".join(sign.to_try for sign in against),
         evidence={sign.kind: sign.p_value for sign in against},
+    )
+
+
+def _unforeseen(
+    diagnosis: Diagnosis, unforeseen: Unforeseen, simulator: Simulator, location: Location
+) -> Finding:
+    """Return the finding of what follows no signal."""
+    acting = unforeseen.acting
+    port, force = acting.entry.port, location.force["force"]
+    return Finding(
+        effect="unknown",
+        title=acting.title,
+        sentence=f"{acting.sentence} It changes within about "
+        f"{in_seconds(unforeseen.memory * simulator.dt, 2)}.",
+        equation="",
+        port=str(port),
+        place=port_in_words(port, simulator),
+        argument="",
+        parameters={},
+        intervals={},
+        units={},
+        lookalikes=(),
+        p_value=diagnosis.p_missing,
+        confidence=(1.0 - OUTSIDE) * (1.0 - unforeseen.p_value),
+        improvement=0.0,
+        separate_by=TO_TRY,
+        adds=(float(force.min()), float(force.max())),
+        adds_to=f"{unit_added(port, simulator)} {name_added(port, simulator)}".lstrip(),
+        evidence={"unforeseen": unforeseen.p_value},
     )
 
 

@@ -1,5 +1,6 @@
 """Where the mismatch is, gathered for a fitted diagnosis."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from narx_sklearn.discrepancy.locate import (
     concentrated_force,
     features,
     invariances,
+    latent_force,
     latent_forces,
     port_table,
     ports_of,
@@ -18,6 +20,7 @@ from narx_sklearn.discrepancy.locate import (
     stated_regions,
     tangent,
 )
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
@@ -40,7 +43,8 @@ class Location(NamedTuple):
     Attributes
     ----------
     ports : DataFrame
-        Ports by how well an unknown signal there explains the residual.
+        Ports by how well an unknown signal there explains the residual; the first is that at which something
+        acts that follows no signal, where that was found.
     segments : DataFrame
         Stretches of time that hold more of the error than chance, counted along the record. Where an effect
         was found to act for a while, its time comes first, ``effect`` names it and ``p_value`` is that of the
@@ -51,7 +55,8 @@ class Location(NamedTuple):
     bands : DataFrame
         Frequencies at which the residual stands above the noise.
     force : DataFrame
-        The unknown signal at the likeliest port: ``sample``, ``force``, ``deviation``.
+        The unknown signal at the likeliest port: ``sample``, ``force`` in the port's unit, and the standard
+        ``deviation`` of that estimate.
     invariances : DataFrame
         What that signal does and does not depend on, where what is missing has no name (see
         :func:`~narx_sklearn.discrepancy.locate.invariances`): a row a property, with its ``reading``.
@@ -79,12 +84,23 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
         for port in ports_of(simulator)
         if port.kind != "state" or not diagnosis.structure.kinematic[port.index]
     ]
-    _, forces = latent_forces(simulator, run, problem.u, problem.y, windows, p, ports=allowed, n_jobs=n_jobs)
-    table = port_table(forces, simulator, windows)
-    best = next(
-        f for f in forces if (f.port.kind, f.port.index) == (table.loc[0, "kind"], table.loc[0, "index"])
-    )
     residual = problem.y - run.y
+    against, forces = latent_forces(
+        simulator, run, problem.u, problem.y, windows, p, ports=allowed, n_jobs=n_jobs
+    )
+    table = port_table(forces, simulator, windows)
+    if diagnosis.unforeseen is None:
+        best = next(
+            f for f in forces if f.port == Port(str(table.loc[0, "kind"]), int(table["index"].iloc[0]))
+        )
+    else:
+        entry, memory = diagnosis.unforeseen.acting.entry, diagnosis.unforeseen.memory
+        linear = tangent(simulator, run, problem.u, windows, p)
+        best = latent_force(linear, residual, windows, entry, memory=memory, against=against)
+        if entry.times is not None:
+            best = replace(best, w=best.w * entry.times, w_std=best.w_std * np.abs(entry.times))
+        there = (table["kind"] == entry.port.kind) & (table["index"] == entry.port.index)
+        table = pd.concat([table[there], table[~there]], ignore_index=True)
     inside = slice(int(windows.first[0]), int(windows.last[-1]))
     if diagnosis.is_named:
         rules = _where_effects_act(diagnosis)

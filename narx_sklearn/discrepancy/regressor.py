@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
 from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.location import locate, with_invariances
-from narx_sklearn.discrepancy.placed import Port, for_other_records
+from narx_sklearn.discrepancy.placed import for_other_records
 from narx_sklearn.discrepancy.records.checks import check_record, still_standing, to_be_mended
 from narx_sklearn.discrepancy.records.record import (
     Split,
@@ -539,9 +539,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.parameters_ = self._parameter_table(diagnosis)
         self._tell("location")
         self.location_ = locate(diagnosis, self.random_state, self.n_jobs)
-        first = self.location_.ports.iloc[0]
-        likeliest = Port(first["kind"], int(first["index"]))
-        self.findings_ = make_findings(diagnosis, self.level, simulator, likeliest)
+        self.findings_ = make_findings(diagnosis, self.level, simulator, self.location_)
         noise = diagnosis.noise
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
@@ -578,7 +576,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 self.verdict_ = "unknown"
         elif self._left_there > STANDS_IN:
             self.verdict_ = "unknown"
-        if self.verdict_ == "unknown":
+        if self.verdict_ == "unknown" and diagnosis.unforeseen is None:
             self.location_ = with_invariances(self.location_, diagnosis)
         self.simulator_ = self._corrected.with_effects(for_other_records(self._corrected.effects))
         self._extrapolation = self._extrapolate()

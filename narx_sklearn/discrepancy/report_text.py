@@ -6,9 +6,18 @@ from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.results import CHANGES, LEAST, NOTHING_MISSING, STANDS_IN, VERDICTS, p_text
+from narx_sklearn.discrepancy.results import (
+    CHANGES,
+    DISTURBED,
+    LEAST,
+    NOTHING_MISSING,
+    STANDS_IN,
+    VERDICTS,
+    p_text,
+)
 from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
 from narx_sklearn.discrepancy.search.inference import told_together, untold
+from narx_sklearn.discrepancy.stages.unforeseen import ADDED, FACTOR, GAIN
 from narx_sklearn.discrepancy.units import in_seconds, rounded
 
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
@@ -35,13 +44,21 @@ def verdict_sentence(dx) -> str:
         return "What the simulation misses may be the error of its own integration steps."
     if dx.verdict_ == "unknown" and dx._diagnosis.record_misleads:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
-    return f"{CHANGES}." if only_changes(dx) else VERDICTS[dx.verdict_]
+    other = what_is_no_law(dx)
+    return f"{other}." if other else VERDICTS[dx.verdict_]
 
 
-def only_changes(dx) -> bool:
-    """Tell whether all that was found is that the simulation's own parameters change or pulsate."""
+def what_is_no_law(dx) -> str:
+    """Return that the simulation's own parameters change or pulsate, or that something acts by itself.
+
+    Empty where what was found is, or may be, a law that the simulation lacks.
+    """
     titles = {finding.title for finding in dx.findings_}
-    return dx.verdict_ == "unknown" and bool(titles) and titles <= {TITLES[LINE], TITLES[PULSE]}
+    if dx.verdict_ != "unknown" or not titles:
+        return ""
+    if titles <= {TITLES[LINE], TITLES[PULSE], GAIN, FACTOR}:
+        return CHANGES
+    return DISTURBED if titles <= {ADDED} else ""
 
 
 def _record(dx) -> list[str]:

@@ -14,6 +14,7 @@ VERDICTS = {
     "unknown": "Physics is missing that the catalogue does not hold.",
 }
 CHANGES = "A parameter of the simulation is not always the same"  # which no effect of the catalogue does
+DISTURBED = "Something acts on the machine that follows none of its signals"
 
 
 NOTHING_MISSING = ("consistent", "refit")
@@ -75,14 +76,14 @@ class Finding:
     evidence : dict, default=None
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
         ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``,
-        a ``"pulse"``, or that outputs go ``"together"``.
+        a ``"pulse"``, that outputs go ``"together"``, or that something ``"unforeseen"`` acts.
     untold : tuple of str, default=()
         Names of its parameters of which these data tell nothing: any value that they may have is as likely.
     together : tuple of str, default=()
         Names of those of which these data tell only what they do together: of a slow drift its size and its
         time constant, where its slope is all that shows.
     adds : tuple of (float, float), default=None
-        The least and the most that it adds along the samples fitted; None where it has no form.
+        The least and the most that it adds along the samples fitted; None where that is not known.
     adds_to : str, default=""
         What that is added to, its unit before it: ``"m/s^2 added to the rate of velocity"``.
     """
@@ -113,7 +114,7 @@ class Finding:
 
     @property
     def size(self) -> str:
-        """How large it is, "Along this record: 0 to 0.3 m added to position."; empty where it has no form."""
+        """How large it is, "Along this record: 0 to 0.3 m added to position."; empty where not known."""
         if self.adds is None:
             return ""
         low, high = self.adds

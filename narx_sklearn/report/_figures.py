@@ -100,6 +100,23 @@ def state_plane(a, b, size, a_label: str, b_label: str, name: str) -> str:
 
 
 @_styled
+def course_figure(time, course, deviation, label: str, name: str) -> str:
+    """Draw an unknown signal along a record, and how sure it is."""
+    figure, axes = _axes(1, 1, height=2.6)
+    known = np.isfinite(course)
+    time, course, deviation = time[known], course[known], deviation[known]
+    step = -(-time.size // PIXELS)
+    thin = slice(None, None, step)
+    low, high = course - 2 * deviation, course + 2 * deviation
+    axes.fill_between(time[thin], low[thin], high[thin], color=VERMILION, alpha=0.2, linewidth=0)
+    _line(axes, time, course, VERMILION, None, 0.9)
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
+    return to_svg(figure, name)
+
+
+@_styled
 def effect_figure(curve, name: str) -> str:
     """Draw what an effect adds over the cloud of what the data ask for."""
     figure, axes = _axes(1, 1, height=3.4)

@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
     before_and_after,
+    course_figure,
     effect_figure,
     residual_figure,
     state_plane,
@@ -242,6 +243,8 @@ def _where(dx, material: Material, outputs) -> dict:
         )
     ]
     figures.append(_state_figure(dx, material, column, seen))
+    if dx._diagnosis.unforeseen is not None:
+        figures.append(_course_figure(dx, material))
     unit = material.simulator.outputs[column].unit
     difference = difference_table(t[:last], residual[:last], unit)
     return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_, material)}
@@ -276,6 +279,16 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
         f"Where in {labels[0]} and {labels[1]} the mismatch is: each dot a sample, redder where it is larger."
     )
     return _figure(state_plane(a, b, size, *labels, caption), caption)
+
+
+def _course_figure(dx, material: Material) -> dict:
+    """Return what follows no signal, along the record."""
+    course, (finding,) = dx.location_.force, dx.findings_
+    label = finding.adds_to.replace("added to ", "").strip()
+    caption = f"{capital(finding.title)} {finding.place}: its course, two standard errors to either side."
+    time = material.simulator.dt * course["sample"].to_numpy()
+    force, deviation = course["force"].to_numpy(), course["deviation"].to_numpy()
+    return _figure(course_figure(time, force, deviation, label, caption), caption)
 
 
 def _location_tables(location, material: Material) -> list[TableText]:

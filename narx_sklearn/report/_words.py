@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import ResidualTests
-from narx_sklearn.discrepancy.report_text import only_changes, verdict_sentence
-from narx_sklearn.discrepancy.results import CHANGES, p_text
+from narx_sklearn.discrepancy.report_text import verdict_sentence, what_is_no_law
+from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -81,8 +81,8 @@ def headline(dx) -> str:
         sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
     elif dx.verdict_ == "unknown" and not (dx._diagnosis.steps_miss or dx._diagnosis.record_misleads):
         sentence = "Something is missing from the simulation that the catalogue does not hold"
-        if only_changes(dx):
-            sentence = f"{CHANGES}: {names}"
+        if other := what_is_no_law(dx):
+            sentence = f"{other}: {names}"
         elif corrected(dx):
             sentence += f"; what comes nearest: {names}"
         elif dx.findings_:

@@ -146,9 +146,7 @@ def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
         return simulator.inputs[placed.through].unit
     if placed.inertial:
         return tidy_unit(f"{unit}/s^2") if unit else ""
-    if placed.port.kind != "state" or simulator.discrete:
-        return unit
-    return tidy_unit(f"{unit or 1}/s")
+    return unit_added(placed.port, simulator)
 
 
 def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
@@ -157,8 +155,20 @@ def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
         return f"added to {simulator.inputs[placed.through].name}"
     if placed.inertial:
         return f"added to the acceleration of {_signal(placed.port, simulator).name}"
-    name = _signal(placed.port, simulator).name
-    is_rate = placed.port.kind == "state" and not simulator.discrete
+    return name_added(placed.port, simulator)
+
+
+def unit_added(port: Port, simulator: Simulator) -> str:
+    """Return the unit of what is added at a port, that of a rate where it is a state equation."""
+    unit = _signal(port, simulator).unit
+    is_rate = port.kind == "state" and not simulator.discrete
+    return tidy_unit(f"{unit or 1}/s") if is_rate else unit
+
+
+def name_added(port: Port, simulator: Simulator) -> str:
+    """Return what is added to at a port, without the unit."""
+    name = _signal(port, simulator).name
+    is_rate = port.kind == "state" and not simulator.discrete
     return f"added to the {rate_of(name)}" if is_rate else f"added to {name}"
 
 

@@ -1,12 +1,16 @@
 """Where a simulation and a recording part: which port, which times, which regions, which frequencies.
 
 ``ports`` compares the unknown signals that ``latent_force`` estimates on the ``tangent`` of a run, by their
-``_likelihood`` over the ``_covered`` samples (kernels in ``_kalman``); ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
+``_likelihood`` over the ``_covered`` samples (kernels in ``_kalman``), and ``beside_fit`` what follows no
+signal with noise; ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
 ``invariances`` (over ``_hats``) say what it is like. ``segments`` and ``events`` tell when, ``regions`` over
 ``features`` where in the machine's operation, ``bands`` at which frequencies.
 """
 
+from narx_sklearn.discrepancy.locate._covered import Entry
+from narx_sklearn.discrepancy.locate._likelihood import Likeliest
 from narx_sklearn.discrepancy.locate.bands import bands
+from narx_sklearn.discrepancy.locate.beside_fit import BesideFit
 from narx_sklearn.discrepancy.locate.concentrated import concentrated_force
 from narx_sklearn.discrepancy.locate.events import event_table, input_events
 from narx_sklearn.discrepancy.locate.features import features
@@ -20,8 +24,11 @@ from narx_sklearn.discrepancy.locate.tangent import Tangent, tangent
 
 __all__ = [
     "Background",
+    "BesideFit",
     "Condition",
+    "Entry",
     "LatentForce",
+    "Likeliest",
     "Tangent",
     "background",
     "bands",

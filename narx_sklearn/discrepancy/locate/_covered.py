@@ -43,6 +43,25 @@ class Covered(NamedTuple):
         return out
 
 
+class Entry(NamedTuple):
+    """Where and how an unknown signal may enter.
+
+    Attributes
+    ----------
+    port : Port
+        Where it acts.
+    times : ndarray of shape (n_samples,), optional
+        What it is in proportion to, with an unknown factor; nothing, where it adds.
+    onward, share : int, float
+        State equation, if any, at which a share of it is taken off: forces between two bodies act on both.
+    """
+
+    port: Port
+    times: np.ndarray | None = None
+    onward: int = -1
+    share: float = 0.0
+
+
 class Entrance(NamedTuple):
     """What a unit of an unknown signal does at each covered sample."""
 
@@ -50,8 +69,20 @@ class Entrance(NamedTuple):
     d: np.ndarray  # (n, n_outputs) to the outputs at once, in units of their scale
 
     @classmethod
-    def of(cls, linear: Tangent, covered: Covered, port: Port, scale: np.ndarray) -> "Entrance":
-        """Return the entrance at a port."""
+    def of(cls, linear: Tangent, covered: Covered, entry: Entry, scale: np.ndarray) -> "Entrance":
+        """Return the entrance of a signal, and of the share of it that is taken off elsewhere."""
+        found = cls.at_port(linear, covered, entry.port, scale)
+        if entry.onward >= 0:
+            there = cls.at_port(linear, covered, Port("state", entry.onward), scale)
+            found = cls(found.g - entry.share * there.g, found.d - entry.share * there.d)
+        if entry.times is None:
+            return found
+        signal = entry.times[covered.samples, None]
+        return cls(found.g * signal, found.d * signal)
+
+    @classmethod
+    def at_port(cls, linear: Tangent, covered: Covered, port: Port, scale: np.ndarray) -> "Entrance":
+        """Return the entrance of what is added at a port."""
         n_states, n_inputs, n_outputs = linear.A.shape[2], linear.B.shape[2], linear.C.shape[1]
         sizes = {"input": n_inputs, "state": n_states, "output": n_outputs}
         if port.kind not in sizes or not 0 <= port.index < sizes[port.kind]:
@@ -76,14 +107,6 @@ class Entrance(NamedTuple):
         """Return one through which nothing enters."""
         n = covered.samples.size
         return cls(np.zeros((n, covered.A.shape[1])), np.zeros((n, covered.b.shape[1])))
-
-    def times(self, signal: np.ndarray) -> "Entrance":
-        """Return the entrance of a signal's unknown factor; the signal is given at the covered samples."""
-        return Entrance(self.g * signal[:, None], self.d * signal[:, None])
-
-    def less(self, share: float, other: "Entrance") -> "Entrance":
-        """Return the entrance of what is taken elsewhere, in a share, as it enters here."""
-        return Entrance(self.g - share * other.g, self.d - share * other.d)
 
     def at(self, rows: np.ndarray) -> "Entrance":
         """Return the entrance at some of the covered samples."""

@@ -162,4 +162,4 @@ def regressed(
     along = directions[:, strong] * scale[:, None]
     coefficients = along @ ((along.T @ inner[1:, 0]) / values[strong])
     left = (white[:, 0] - white[:, 1:] @ coefficients).reshape(S.shape) * root
-    return _likelihood(covered, left, S)[1], np.count_nonzero(strong)
+    return _likelihood(covered, left, S)[1], int(np.count_nonzero(strong))

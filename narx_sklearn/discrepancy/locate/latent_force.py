@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from narx_sklearn.discrepancy.locate._covered import Covered, Entrance, cover, thinned
+from narx_sklearn.discrepancy.locate._covered import Covered, Entrance, Entry, cover, thinned
 from narx_sklearn.discrepancy.locate._hats import additive_hats
 from narx_sklearn.discrepancy.locate._kalman import respond
 from narx_sklearn.discrepancy.locate._likelihood import best_force, best_rho, estimate, no_force, regressed
@@ -155,12 +155,11 @@ def latent_force(
     linear: Tangent,
     residual: np.ndarray,
     windows: Windows,
-    port: Port,
+    port: Port | Entry,
     *,
     arguments: np.ndarray | None = None,
     noise: str = "ar1",
     memory: float | None = None,
-    times: np.ndarray | None = None,
     against: Background | None = None,
 ) -> LatentForce:
     r"""Estimate the signal that, entering at one port, would explain the residual.
@@ -179,8 +178,8 @@ def latent_force(
         Measured minus simulated output, after the simulator's own parameters were refitted; NaN is skipped.
     windows : Windows
         Windows of the run.
-    port : Port
-        Where the force enters.
+    port : Port or Entry
+        Where the force enters; an entry also says what it is in proportion to.
     arguments : ndarray of shape (n_samples, n_arguments), optional
         Signals the force may be a function of: the input at an input port, the states at a state equation
         (the smoothed deviation is added to them), the output at an output. Ports whose forces move the
@@ -190,9 +189,6 @@ def latent_force(
     memory : float, optional
         Correlation time of the force, samples; the median window when not given, which is close to a random
         walk.
-    times : ndarray of shape (n_samples,), optional
-        A signal to which the force is in proportion; its unknown factor is then what is estimated. The force
-        itself when not given.
     against : Background, optional
         Noise alone, when it is already known.
 
@@ -231,9 +227,8 @@ def latent_force(
     """
     against = background(linear, residual, windows, noise=noise) if against is None else against
     covered = cover(linear, residual, windows, against.sigma)
-    entrance = Entrance.of(linear, covered, port, against.sigma)
-    if times is not None:
-        entrance = entrance.times(times[covered.samples])
+    entry = port if isinstance(port, Entry) else Entry(port)
+    entrance = Entrance.of(linear, covered, entry, against.sigma)
     lengths = windows.last - windows.first
     phi = float(np.exp(-1.0 / (np.median(lengths) if memory is None else memory)))
     w_var, rho, _ = best_force(covered, entrance, phi, against.rho, noise)
@@ -249,7 +244,7 @@ def latent_force(
     own_gain = -np.inf
     if arguments is not None:
         signals = arguments[covered.samples]
-        if port.kind == "state":
+        if entry.port.kind == "state":
             signals = signals + found.dx
         own, rho_own = _as_function(covered, entrance, signals, phi, w_var, rho)
         own_gain = float(own.sum() - null)
@@ -258,7 +253,7 @@ def latent_force(
     left = np.nansum((covered.b[:, :, 0] - explained) ** 2)
     before = np.nansum((against.remainder / against.sigma) ** 2)
     return LatentForce(
-        port=port,
+        port=entry.port,
         w=covered.in_record(found.w, n),
         w_std=covered.in_record(np.sqrt(found.w_variance * found.concentrated), n),
         dx=covered.in_record(found.dx, n),

@@ -22,9 +22,11 @@ from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_d
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.naming import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.stages.refuted import may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.stages.temporary import large_parts, may_stand_in, search_in_spans, spans_of
+from narx_sklearn.discrepancy.stages.unforeseen import Unforeseen, look_for_unforeseen, says_all
 from narx_sklearn.discrepancy.stages.unnamed import SHARE, best_pulsating, best_unnamed, is_explained_by
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
@@ -50,6 +52,7 @@ class Diagnosis:
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
+    unforeseen: Unforeseen | None = None  # what follows no signal, where that is what was found
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
@@ -144,6 +147,8 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     p_missing = searched.p_value
     if searched.steps and (found is None or not found.best.effects):
         searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
+    if searched.steps:
+        found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
@@ -154,10 +159,13 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     plain = with_positive_amplitudes(problem, counted_from_zero(problem, found.best))
     found = found._replace(best=plain)
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
-    verdict, best, alternatives, unnamed, _, against_noise = found
-    verdict = "unknown" if twin_misses_more else verdict
-    if verdict == "unknown" and best.effects and unnamed is not None and _tells_more(unnamed, best):
-        best, alternatives, against_noise = unnamed, ((),) * len(unnamed.effects), ()
+    if twin_misses_more:
+        found = found._replace(verdict="unknown")
+    if _is_told_by_a_law(found):
+        assert found.unnamed is not None
+        of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(found.unnamed.effects)
+        found = found._replace(best=found.unnamed, alternatives=of_each, against_noise=())
+    verdict, best, alternatives, _, _, against_noise, unforeseen = found
     return Diagnosis(
         verdict=verdict,
         problem=problem,
@@ -173,6 +181,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         stretches=stretches,
         twin_misses_more=twin_misses_more,
         against_noise=against_noise,
+        unforeseen=unforeseen,
         lengthened_from=lengthened_from,
     )
 
@@ -233,6 +242,45 @@ def _unless_noise(
         return searched, Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
     told = Judgement("unknown", nothing, (), unnamed, against_noise=against_noise)
     return searched, told, remainder.p_value
+
+
+def _unless_unforeseen(
+    found: Judgement | None,
+    p_missing: float,
+    searched: Searched,
+    structure: Structure,
+    settings: Settings,
+) -> tuple[Judgement | None, float]:
+    """Return what is said, and the p-value, where something may act that follows no signal.
+
+    What a twin gets wrong of its simulator looks like that, and is no alarm.
+    """
+    problem, refitted, _ = searched
+    if found is not None and may_be_drift(found.best, found.alternatives):
+        return found, p_missing
+    told = None
+    if found is not None:
+        told = found.unnamed if _is_told_by_a_law(found) else found.best
+    settings.tell("does anything act that follows no signal?")
+    seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)
+    level = SHARE * settings.alpha
+    if seen is None or seen.p_value > level:
+        return found, p_missing
+    base = Candidate(refitted, problem.n_seen)
+    if told is None or not told.effects:
+        if found is None and isinstance(problem.simulator, TwinSimulator):
+            return found, p_missing
+        p_missing = min(p_missing, seen.p_value)
+    elif not says_all(problem, seen, base, told, structure, level, settings.n_jobs):
+        return found, p_missing
+    return Judgement("unknown", base, (), None, unforeseen=seen), p_missing
+
+
+def _is_told_by_a_law(found: Judgement) -> bool:
+    """Tell whether a law without a name says more than names that do not explain what is missing."""
+    unnamed = found.unnamed
+    names = found.verdict == "unknown" and bool(found.best.effects) and found.unforeseen is None
+    return names and unnamed is not None and _tells_more(unnamed, found.best)
 
 
 def _tells_more(unnamed: Candidate, best: Candidate) -> bool:

@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     only_stand_in,
 )
 from narx_sklearn.discrepancy.stages.remainder import Sign
+from narx_sklearn.discrepancy.stages.unforeseen import Unforeseen
 from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, best_unnamed
 
 ROOM = 3.0  # times what a form visibly leaves, that its look-alikes may leave
@@ -37,6 +38,7 @@ class Judgement(NamedTuple):
     unnamed: Candidate | None
     stand_in: bool = False  # names for a law that is none of them
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and the names leave
+    unforeseen: Unforeseen | None = None  # what follows no signal, in the place of names
 
 
 def judge(searched: Searched, structure: Structure, settings: Settings) -> Judgement | None:

@@ -1,0 +1,190 @@
+"""Does something act that follows no signal? A load that wanders, blows, a supply that gives way.
+
+Its course is a signal of its own, known by its size and by how long it remembers; names that say no more
+beside it stand in for it.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.stats import chi2
+
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.locate import BesideFit, Entry, Likeliest, tangent
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import CLEARER
+from narx_sklearn.discrepancy.search.generic import line_hypotheses
+from narx_sklearn.discrepancy.simulators.structure import Structure
+
+MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
+FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
+N_VALUES = 2  # of a course: its size and its memory
+ADDED = "a disturbance that follows no signal"
+GAIN = "an input's effect that comes and goes"
+FACTOR = "a parameter that wanders"
+SENTENCES = {
+    ADDED: "Something acts here by itself: what it adds follows neither the inputs nor the motion.",
+    GAIN: "What {argument} does comes and goes by itself, as if its gain changed, or it were off at times.",
+    FACTOR: "Something in proportion to {argument} comes and goes by itself, as if a parameter changed.",
+}
+TO_TRY = (
+    "what else went on when it acted (its course is in location_.force), as a further measured input; a "
+    "record at rest, in which it stays if it comes from outside"
+)
+
+
+class Acting(NamedTuple):
+    """Where something unforeseen may act, and the name of what it is in proportion to."""
+
+    entry: Entry
+    argument: str = ""  # nothing, where it adds
+
+    @property
+    def title(self) -> str:
+        """What it is."""
+        if not self.argument:
+            return ADDED
+        return GAIN if self.entry.port.kind == "input" else FACTOR
+
+    @property
+    def sentence(self) -> str:
+        """The same as a sentence."""
+        return SENTENCES[self.title].format(argument=self.argument)
+
+
+class Unforeseen(NamedTuple):
+    """The likeliest thing that follows no signal."""
+
+    acting: Acting
+    memory: float  # samples
+    deviance: float  # minus twice the log-likelihood with it
+    of_noise: float  # the same with noise alone, of one colour or wandering on an output
+    n_tried: int
+
+    @property
+    def p_value(self) -> float:
+        """Chance that noise of the sensors does as much; all that was tried pays (Bonferroni)."""
+        return min(1.0, self.n_tried * float(chi2.sf(max(self.of_noise - self.deviance, 0.0), N_VALUES)))
+
+
+class Course(NamedTuple):
+    """A course by itself at one place, and how likely the record is with it."""
+
+    acting: Acting
+    memory: float
+    size: Likeliest
+    deviance: float
+
+
+def look_for_unforeseen(
+    problem: Problem, model: Model, structure: Structure, n_jobs: int | None = None
+) -> Unforeseen | None:
+    """Return what follows no signal and is likeliest beside a fitted model; None where nothing can be.
+
+    Held against it is noise, white, of one colour, or wandering on any output: that is no force. What is in
+    proportion to a state is so to that of the machine, which what is added tells best.
+    """
+    beside, run = beside_fit(problem, model), problem.run(model)
+    added = [Acting(Entry(port)) for port in ports_inside(structure)]
+    if not added:
+        return None
+    on_sensors = [Acting(Entry(Port("output", i))) for i in range(problem.y.shape[1])]
+    plain = likeliest_course(beside, added, n_jobs)
+    deviations = beside.deviations(plain.acting.entry, plain.memory, plain.size, len(problem.y))
+    moved = np.nan_to_num(run.x) + np.nan_to_num(deviations)
+    factors = list(factors_inside(problem, moved, structure))
+    best = min(
+        [plain, *([likeliest_course(beside, factors, n_jobs)] if factors else [])], key=lambda c: c.deviance
+    )
+    of_noise = min(beside.noise_alone, likeliest_course(beside, on_sensors, n_jobs).deviance)
+    n_tried = (len(added) + len(factors)) * len(MEMORIES)
+    return Unforeseen(best.acting, best.memory, best.deviance, of_noise, n_tried)
+
+
+def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None = None) -> Course:
+    """Return the likeliest course at any of some places, remembered for any time."""
+    tried = list(product(places, MEMORIES))
+    sizes = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(beside.searched)(acting.entry, memory) for acting, memory in tried
+    )
+    found = []
+    for i in sorted(range(len(tried)), key=lambda i: -sizes[i].log_likelihood)[:FINALISTS]:
+        acting, memory = tried[i]
+        deviance = beside.with_signal(acting.entry, memory, sizes[i])
+        found.append(Course(acting, memory, sizes[i], deviance))
+    return min(found, key=lambda course: course.deviance)
+
+
+def beside_fit(problem: Problem, model: Model) -> BesideFit:
+    """Return a fitted model as what something unforeseen may be beside of."""
+    run = problem.run(model)
+    linear = tangent(problem.simulator.with_effects(model.effects), run, problem.u, problem.windows, model.p)
+    plain = problem.with_noise(Noise.white(np.ones(problem.y.shape[1])))
+    jacobian = fit(plain, model, iterations=0).jacobian
+    responses = np.zeros((*problem.y.shape, jacobian.shape[2]))
+    by_sample = jacobian.reshape(*problem.seen.shape, jacobian.shape[2])
+    responses[problem.rows[problem.inside]] = by_sample[problem.inside]
+    return BesideFit.of(linear, problem.y - run.y, problem.windows, responses)
+
+
+def ports_inside(structure: Structure) -> list[Port]:
+    """Return where something may be added: in state equations, and at inputs that enter several.
+
+    What is added to an input that enters one equation is what is added there.
+    """
+    inputs = [Port("input", int(i)) for i in np.flatnonzero(structure.inputs.sum(axis=0) > 1)]
+    return inputs + [Port("state", int(i)) for i in np.flatnonzero(~structure.kinematic)]
+
+
+def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Iterator[Acting]:
+    """Yield where something may act in proportion to an input or to states x, (n_samples, n_states).
+
+    An input's gain counts from zero or from where the input mostly is.
+    """
+    covered = problem.rows[problem.inside]
+    for hypothesis in line_hypotheses(problem.simulator, structure):
+        placed = hypothesis.placed
+        if placed.port.kind == "input":
+            own = problem.u[:, placed.port.index]
+            signals = [own, own - np.median(own[covered])]
+        else:
+            signals = [x @ np.array(placed.weights)]
+        onward, share = (placed.onward, placed.share) if placed.reacts else (-1, 0.0)
+        for signal in signals:
+            if np.abs(signal[covered]).max() > 0:
+                yield Acting(Entry(placed.port, signal, onward, share), placed.argument_name)
+
+
+def says_all(
+    problem: Problem,
+    unforeseen: Unforeseen,
+    base: Candidate,
+    told: Candidate,
+    structure: Structure,
+    level: float,
+    n_jobs: int | None = None,
+) -> bool:
+    """Tell whether something unforeseen acts, and laws that were told add nothing to it.
+
+    It does beside the laws too, and they do not pay for themselves then. Those that are right would: beside a
+    machine that is disturbed they are worth their price as well.
+
+    Parameters
+    ----------
+    unforeseen : Unforeseen
+        Found without the laws.
+    base, told : Candidate
+        Without and with the laws.
+    level : float
+        Chance of a false alarm that is allowed.
+    """
+    beside = look_for_unforeseen(problem, told.fit.model, structure, n_jobs)
+    if beside is None or beside.p_value > level:
+        return False
+    return unforeseen.deviance + base.price < beside.deviance + told.price + CLEARER

@@ -1,0 +1,255 @@
+"""What follows no signal: a load that wanders, an input that drops out, told from laws and from noise."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from small_machines import make_oscillator
+
+from narx_sklearn import write_report
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.locate import BesideFit, Entry, latent_force, tangent
+from narx_sklearn.discrepancy.locate._covered import Entrance, cover
+from narx_sklearn.discrepancy.locate._likelihood import Likeliest
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.unforeseen import (
+    ADDED,
+    FACTOR,
+    GAIN,
+    factors_inside,
+    look_for_unforeseen,
+    says_all,
+)
+from narx_sklearn.physics.effects import CATALOGUE
+from narx_sklearn.report._words import headline
+
+N, DT, SIGMA = 2000, 0.02, 0.002
+FEW = ["coulomb_friction", "constant_load", "gain_drift", "cubic_stiffness", "periodic_disturbance"]
+LEVEL = 0.0025
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def disturbed(x, u, p):
+    """An oscillator with an input's factor, a load and a spring's factor that its simulator has not."""
+    rubs = u[4] * np.sign(x[1])
+    return x[1], p[0] * (1.0 + u[1]) * u[0] - p[1] * x[1] - p[2] * (1.0 + u[3]) * x[0] + u[2] - rubs
+
+
+def wandering(rng, memory, size, n=N):
+    forgetting = np.exp(-1.0 / memory)
+    steps = rng.normal(size=n + 2000) * np.sqrt(1 - forgetting**2)
+    return size * lfilter([1.0], [1.0, -forgetting], steps)[2000:]
+
+
+def record(rng, n=N, *, gain=0.0, load=0.0, spring=0.0, friction=0.0, sigma=SIGMA, colour=0.0):
+    u = np.repeat(rng.uniform(-1.0, 1.0, -(-n // 12)), 12)[:n]
+    machine = ODESimulator(
+        disturbed,
+        dt=DT,
+        parameters={"gain": 4.4, "damping": 1.2, "stiffness": 19.0},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]", "gain's", "load", "spring's", "friction"],
+    )
+    hidden = [np.broadcast_to(signal, n) for signal in (gain, load, spring, friction)]
+    y = machine.simulate(np.column_stack([u, *hidden]))[:, 0]
+    noise = lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], rng.normal(size=n))
+    return u[:, None], (y + sigma * noise)[:, None]
+
+
+def fitted(u, y, effects=()):
+    """Return the problem of the oscillator, its fit, and its structure."""
+    sim = make_oscillator()
+    windows = cut([(slice(0, len(u)), 0)], 250, 4)
+    problem = Problem(sim, u, y, windows, Noise.white(np.array([SIGMA])))
+    x0 = np.column_stack([np.nan_to_num(y[windows.first, 0]), np.zeros(windows.count)])
+    found = fit(problem, Model(sim.nominal, effects, x0))
+    return problem, found, find_structure(sim, problem.run(found.model).x, u)
+
+
+def dense_deviance(beside, entrance, phi, w_var):
+    """Return minus twice the log-likelihood under white noise from one covariance matrix; a slow twin."""
+    covered = beside.covered
+    n, n_states = covered.A.shape[:2]
+    starts = np.concatenate([[0], np.flatnonzero(covered.seam[:-1] != 0) + 1, [n]])
+    to_outputs = np.zeros((n, n))
+    initial = np.zeros((n, n_states * (starts.size - 1)))
+    for w, (first, last) in enumerate(pairwise(starts)):
+        for k in range(first, last):
+            x = np.zeros(n_states)
+            to_outputs[k, k] = entrance.d[k, 0]
+            x = entrance.g[k].copy()
+            for later in range(k + 1, last):
+                to_outputs[later, k] = covered.C[later, 0] @ x
+                x = covered.A[later] @ x
+        travelled = np.eye(n_states)
+        for k in range(first, last):
+            initial[k, w * n_states : (w + 1) * n_states] = covered.C[k, 0] @ travelled
+            travelled = covered.A[k] @ travelled
+    apart = np.abs(np.subtract.outer(covered.samples, covered.samples))
+    V = np.eye(n) + to_outputs @ (w_var * phi**apart) @ to_outputs.T
+    inverse = np.linalg.inv(V)
+    b, X = covered.b[:, 0, 0], np.column_stack([initial, beside.responses[:, 0]])
+    left = b - X @ np.linalg.lstsq(np.linalg.cholesky(inverse).T @ X, np.linalg.cholesky(inverse).T @ b)[0]
+    degrees = n - initial.shape[1]
+    return (
+        degrees * np.log(left @ inverse @ left / degrees)
+        + np.linalg.slogdet(V)[1]
+        + np.linalg.slogdet(initial.T @ inverse @ initial)[1]
+    )
+
+
+@pytest.mark.parametrize("entry", ["load", "factor"])
+def test_the_likelihood_is_that_of_one_covariance_matrix(rng, entry):
+    u, y = record(rng, 120, load=wandering(rng, 8, 0.3, 120))
+    sim = make_oscillator()
+    windows = cut([(slice(0, 120), 0)], 60, 4)
+    problem = Problem(sim, u, y, windows, Noise.white(np.array([1.0])))
+    found = fit(problem, Model(sim.nominal, (), np.zeros((windows.count, 2))))
+    run = problem.run(found.model)
+    linear = tangent(sim, run, u, windows, found.model.p)
+    responses = np.zeros((120, 1, 3))
+    responses[problem.rows[problem.inside]] = rng.normal(size=(120, 1, 3))
+    beside = BesideFit.of(linear, y - run.y, windows, responses)
+    entry = Entry(Port("state", 1), None if entry == "load" else run.x[:, 0])
+    entrance = Entrance.of(linear, beside.covered, entry, beside.against.sigma)
+
+    def both(w_var, memory):
+        size = Likeliest(w_var, 0.0, 0.0)
+        dense = dense_deviance(beside, entrance, np.exp(-1.0 / memory), w_var)
+        return beside.with_signal(entry, memory, size), dense
+
+    ours, dense = np.transpose([both(0.0, 8.0), both(0.5, 8.0), both(30.0, 2.0), both(30.0, 50.0)])
+    np.testing.assert_allclose(np.diff(ours), np.diff(dense), atol=1e-3 * np.ptp(dense))
+
+
+def test_a_force_between_two_states_is_taken_off_the_other(rng):
+    u, y = record(rng, 300)
+    problem, found, _ = fitted(u, y)
+    run = problem.run(found.model)
+    linear = tangent(problem.simulator, run, u, problem.windows, found.model.p)
+    covered = cover(linear, y - run.y, problem.windows, np.ones(1))
+    one, other = (Entrance.of(linear, covered, Entry(Port("state", i)), np.ones(1)) for i in (0, 1))
+    both = Entrance.of(linear, covered, Entry(Port("state", 0), None, 1, 0.3), np.ones(1))
+    np.testing.assert_array_equal(both.g, one.g - 0.3 * other.g)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
+def test_noise_of_a_sensor_is_no_force(colour):
+    found = []
+    for seed in range(5):
+        u, y = record(np.random.default_rng(seed), sigma=5 * SIGMA, colour=colour)
+        problem, fit, structure = fitted(u, y)
+        found.append(look_for_unforeseen(problem, fit.model, structure).p_value)
+    assert min(found) > LEVEL
+
+
+@pytest.mark.parametrize(
+    ("hidden", "port", "title"),
+    [("load", "state:1", ADDED), ("gain", "input:0", GAIN), ("spring", "state:1", FACTOR)],
+)
+def test_what_follows_no_signal_is_found_where_it_acts(rng, hidden, port, title):
+    course = wandering(rng, 100, {"load": 0.15, "gain": 0.2, "spring": 0.2}[hidden])
+    u, y = record(rng, **{hidden: course})
+    problem, found, structure = fitted(u, y)
+    seen = look_for_unforeseen(problem, found.model, structure)
+    assert (str(seen.acting.entry.port), seen.acting.title) == (port, title)
+    assert seen.p_value < 1e-6
+    # its course is that of what was hidden
+    entry, run = seen.acting.entry, problem.run(found.model)
+    linear = tangent(problem.simulator, run, u, problem.windows, found.model.p)
+    force = latent_force(linear, y - run.y, problem.windows, entry, memory=seen.memory)
+    acts = np.abs(entry.times) > 0.3 * np.abs(entry.times).max() if entry.times is not None else slice(None)
+    sign = -1.0 if hidden == "spring" else 1.0
+    assert sign * np.corrcoef(force.w[acts], course[acts])[0, 1] > 0.8
+
+
+def test_an_input_is_in_proportion_from_zero_or_from_where_it_mostly_is(rng):
+    u, y = record(rng, 600)
+    problem, found, structure = fitted(u + 5.0, y)
+    places = factors_inside(problem, problem.run(found.model).x, structure)
+    signals = [acting.entry.times for acting in places if acting.entry.port.kind == "input"]
+    assert [round(float(np.median(signal))) for signal in signals] == [5, 0]
+
+
+@pytest.mark.parametrize("load", [0.0, 0.15])
+def test_a_law_that_is_right_stands_beside_a_disturbance(rng, load):
+    u, y = record(rng, friction=0.3, load=wandering(rng, 40, load))
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.2,))
+    problem, alone, structure = fitted(u, y)
+    _, told, _ = fitted(u, y, (friction,))
+    seen = look_for_unforeseen(problem, alone.model, structure)
+    candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
+    assert not says_all(problem, seen, *candidates, structure, LEVEL)
+
+
+def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
+    u, y = record(rng, load=wandering(rng, 40, 0.15))
+    line = PlacedEffect(CATALOGUE["periodic_disturbance"], Port("state", 1), theta=(0.1, 2.0, 0.0))
+    problem, alone, structure = fitted(u, y)
+    _, told, _ = fitted(u, y, (line,))
+    seen = look_for_unforeseen(problem, alone.model, structure)
+    candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
+    assert says_all(problem, seen, *candidates, structure, LEVEL)
+
+
+@pytest.fixture(scope="module")
+def dropping_out():
+    """A diagnosis of a machine whose input drops out now and then."""
+    rng = np.random.default_rng(4)
+    phase = np.arange(N) / 190 + 0.3 * np.sin(np.arange(N) / 310)
+    u, y = record(rng, gain=np.where(phase % 1.0 < 0.1, -1.0, 0.0))
+    dx = DiscrepancyRegressor(make_oscillator(), effects=FEW).fit(u, y)
+    return dx, u, y
+
+
+def test_an_input_that_drops_out_is_told(dropping_out):
+    dx, *_ = dropping_out
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.effect) == ("unknown", "unknown")
+    assert (finding.port, finding.title) == ("input:0", GAIN)
+    assert finding.evidence["unforeseen"] < 1e-6
+    assert not finding.modelled
+    low, high = finding.adds
+    assert low < -0.3  # of a drive of 1 V
+    assert high > 0.3
+    assert "by itself" in dx.report_
+    assert headline(dx).startswith("A parameter of the simulation is not always the same")
+
+
+def test_its_course_is_kept(dropping_out):
+    dx, u, _ = dropping_out
+    course = dx.location_.force
+    assert list(course.columns) == ["sample", "force", "deviation"]
+    samples = course["sample"].to_numpy()
+    phase = samples / 190 + 0.3 * np.sin(samples / 310)
+    out = phase % 1.0 < 0.1
+    force, drive = course["force"].to_numpy(), u[samples, 0]
+    assert np.corrcoef(force[out], -drive[out])[0, 1] > 0.8
+    assert np.sqrt(np.mean(force[~out] ** 2)) < 0.3 * np.sqrt(np.mean(force[out] ** 2))
+    assert dx.location_.ports.loc[0, "kind"] == "input"
+
+
+def test_nothing_is_added_to_the_simulation(dropping_out):
+    dx, u, _ = dropping_out
+    assert dx.simulator_.effects == ()
+    np.testing.assert_array_equal(dx.simulator_.simulate(u), dx.refitted_simulator_.simulate(u))
+
+
+def test_the_report_draws_its_course(dropping_out, tmp_path):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    dx, u, y = dropping_out
+    write_report(dx, tmp_path / "report.html", u, y)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "its course, two standard errors to either side" in text
