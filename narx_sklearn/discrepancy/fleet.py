@@ -291,13 +291,12 @@ def _diagnose(estimator: DiscrepancyRegressor, name: Any, X, y) -> _One:
         dx = clone(estimator).fit(X, y)
     except ValueError as error:
         raise ValueError(f"Recording {name!r}: {error}") from error
-    final = "augmented" if any(finding.modelled for finding in dx.findings_) else "refitted"
     own = pd.DataFrame(
         {
             "unit": dx.parameters_["unit"],
-            "value": dx.parameters_[final],
-            "low": dx.parameters_[f"{final}_low"],
-            "high": dx.parameters_[f"{final}_high"],
+            "value": dx.parameters_["augmented"],
+            "low": dx.parameters_["augmented_low"],
+            "high": dx.parameters_["augmented_high"],
         }
     )
     return _One(dx.verdict_, dx.p_value_, dx.findings_, own, float(dx.level))

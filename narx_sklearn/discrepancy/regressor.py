@@ -75,7 +75,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     cannot be told apart is reported as such, with the experiment that would tell. Where a stretch of the
     record disagrees more than the rest, effects that act there only are tried too. Where none is found, what
     is left over must depend on nothing, come in no bursts, hold no line and make no parameter pulsate, as
-    noise does.
+    noise does; and nothing must act inside that follows no signal, as a load that wanders.
 
     Parameters
     ----------
@@ -86,8 +86,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     exclude : list of str, default=()
         Codes left out.
     alpha : float, default=0.005
-        Chance of a false alarm allowed where nothing is missing; the searches for what acts for a while and
-        for what has no name have half of it each, a second look a quarter.
+        Chance of a false alarm allowed where nothing is missing; the searches for what acts for a while, for
+        what has no name and for what follows no signal have half of it each, a second look a quarter.
     level : float, default=0.9
         Confidence level of all intervals.
     max_effects : int, default=2
@@ -667,7 +667,10 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         simulator = diagnosis.problem.simulator
         n = len(simulator.parameters)
         refitted, final = diagnosis.refitted, diagnosis.best.fit
-        sure = intervals(diagnosis.problem, final, self.level)[:n]
+        if diagnosis.unforeseen is None:
+            sure = intervals(diagnosis.problem, final, self.level)[:n]
+        else:
+            sure = diagnosis.unforeseen.intervals(final.model.p, simulator.bounds, self.level)
         before = intervals(diagnosis.problem, refitted, self.level)[:n]
         return pd.DataFrame(
             {

@@ -218,25 +218,31 @@ def _quantity(value: float, unit: str, digits: int = 4) -> str:
 def _parameters(dx) -> list[str]:
     if dx.parameters_.empty:
         return []
-    shown = "augmented" if any(finding.modelled for finding in dx.findings_) else "refitted"
     lines = ["Parameters of the simulation:"]
     for name, row in dx.parameters_.iterrows():
-        value = _quantity(row[shown], row["unit"])
+        value = _quantity(row["augmented"], row["unit"])
         lines.append(
-            f"   {name} = {value}   ({row[shown + '_low']:.4g} to "
-            f"{row[shown + '_high']:.4g}), nominal {row['nominal']:.4g}"
+            f"   {name} = {value}   ({row['augmented_low']:.4g} to {row['augmented_high']:.4g}), "
+            f"nominal {row['nominal']:.4g}"
         )
-    lines += [f"   {said}" for said in what_is_told_together(dx)]
+    lines += [f"   {said}" for said in about_parameters(dx)]
     return [*lines, ""]
 
 
-def what_is_told_together(dx) -> list[str]:
+def about_parameters(dx) -> list[str]:
+    """Return what is to be said of the simulation's own parameters beside their values, in sentences."""
+    said = _told_together(dx)
+    if dx._diagnosis.unforeseen is not None:
+        said.insert(0, "Fitted beside what acts by itself, of which a refit alone takes a part into them.")
+    return said
+
+
+def _told_together(dx) -> list[str]:
     """Return a sentence for each group of parameters that may change together with nothing to notice.
 
     Parameters of effects are told only beside the simulator's own.
     """
-    modelled = any(finding.modelled for finding in dx.findings_)
-    fit = dx._diagnosis.best.fit if modelled else dx._diagnosis.refitted
+    fit = dx._diagnosis.best.fit
     names = [p.name for p in dx._diagnosis.problem.simulator.parameters]
     n_own = len(names)
     for effect in fit.model.effects:
@@ -271,7 +277,14 @@ def _scores(dx) -> list[str]:
 def what_is_left_out(dx) -> str:
     """Return what the corrected simulation leaves out of what was found; empty where it has all of it."""
     n_used, n_found = len(dx._corrected.effects), len(dx._diagnosis.best.effects)
-    if dx.verdict_ in NOTHING_MISSING or n_used == n_found:
+    if dx.verdict_ in NOTHING_MISSING:
+        return ""
+    if dx._diagnosis.unforeseen is not None and dx._corrected is dx.refitted_simulator_:
+        return (
+            "They are disturbed too, and refitted parameters, which hold a part of that, do better there: "
+            "these are what the corrected simulation has."
+        )
+    if n_used == n_found:
         return ""
     if n_used:
         return "Nobody can foresee the course of a drift: the corrected simulation leaves it out."

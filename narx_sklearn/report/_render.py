@@ -7,14 +7,15 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import residual_tests
+from narx_sklearn.discrepancy.fitting.acting import name_added, unit_added
 from narx_sklearn.discrepancy.report_text import (
+    about_parameters,
     how_it_extrapolates,
     verdict_sentence,
     what_adds_up,
     what_is_left,
     what_is_left_out,
     what_is_not_confirmed,
-    what_is_told_together,
 )
 from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._curves import effect_curves
@@ -129,7 +130,7 @@ def render_report(dx, X, y, *, sessions=None, title="Diagnosis", source="", note
         what=_what(dx, material),
         what_is_left=what_is_left(dx),
         parameters=None if dx.parameters_.empty else parameter_table(dx),
-        told_together=what_is_told_together(dx),
+        about_parameters=about_parameters(dx),
         proof=_proof(dx, material, outputs),
         residuals=_residuals(dx, material, outputs),
         steps=next_steps(dx, experiment),
@@ -284,7 +285,10 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
 def _course_figure(dx, material: Material) -> dict:
     """Return what follows no signal, along the record."""
     course, (finding,) = dx.location_.force, dx.findings_
-    label = finding.adds_to.replace("added to ", "").strip()
+    port = dx._diagnosis.unforeseen.acting.entry.port
+    unit = unit_added(port, material.simulator)
+    label = name_added(port, material.simulator).removeprefix("added to ")
+    label += f" [{unit}]" if unit else ""
     caption = f"{capital(finding.title)} {finding.place}: its course, two standard errors to either side."
     time = material.simulator.dt * course["sample"].to_numpy()
     force, deviation = course["force"].to_numpy(), course["deviation"].to_numpy()

@@ -10,7 +10,7 @@ signal with noise; ``concentrated`` takes off what parameters may make of one, `
 from narx_sklearn.discrepancy.locate._covered import Entry
 from narx_sklearn.discrepancy.locate._likelihood import Likeliest
 from narx_sklearn.discrepancy.locate.bands import bands
-from narx_sklearn.discrepancy.locate.beside_fit import BesideFit
+from narx_sklearn.discrepancy.locate.beside_fit import BesideFit, Refined
 from narx_sklearn.discrepancy.locate.concentrated import concentrated_force
 from narx_sklearn.discrepancy.locate.events import event_table, input_events
 from narx_sklearn.discrepancy.locate.features import features
@@ -29,6 +29,7 @@ __all__ = [
     "Entry",
     "LatentForce",
     "Likeliest",
+    "Refined",
     "Tangent",
     "background",
     "bands",

@@ -35,6 +35,16 @@ class Likeliest(NamedTuple):
     log_likelihood: float  # of the samples that the search looked at
 
 
+class Regressed(NamedTuple):
+    """Least squares on columns, under the colour that noise and force have together."""
+
+    samples: np.ndarray  # log likelihood of each sample
+    concentrated: float  # variance of the noise, in units of the outputs' scale squared
+    coefficients: np.ndarray  # (n_columns,)
+    covariance: np.ndarray  # (n_columns, n_columns), zero along what the columns do not tell apart
+    n_told: int  # directions of the columns that were told apart
+
+
 def estimate(
     covered: Covered, entrance: Entrance, phi: float, w_var: float, rho: float, *, keep: bool = False
 ) -> Estimate:
@@ -136,10 +146,8 @@ def best_force(covered: Covered, entrance: Entrance, phi: float, rho: float, noi
 
 def regressed(
     covered: Covered, entrance: Entrance, series: np.ndarray, phi: float, w_var: float, rho: float
-) -> tuple[np.ndarray, int]:
+) -> Regressed:
     """Return the log likelihood of each sample after least squares on whitened columns (de Jong 1991).
-
-    Also returned is how many directions of the columns were told apart.
 
     Parameters
     ----------
@@ -162,4 +170,6 @@ def regressed(
     along = directions[:, strong] * scale[:, None]
     coefficients = along @ ((along.T @ inner[1:, 0]) / values[strong])
     left = (white[:, 0] - white[:, 1:] @ coefficients).reshape(S.shape) * root
-    return _likelihood(covered, left, S)[1], int(np.count_nonzero(strong))
+    concentrated, samples = _likelihood(covered, left, S)
+    covariance = concentrated * (along / values[strong]) @ along.T
+    return Regressed(samples, concentrated, coefficients, covariance, int(np.count_nonzero(strong)))

@@ -279,7 +279,7 @@ def _as_function(covered: Covered, entrance: Entrance, signals, phi, w_var, rho)
     candidates = [(w_var * share, colour) for share in REMAINDERS for colour in sorted({0.0, rho})]
 
     def priced(part: Covered, entering: Entrance, series: np.ndarray, w_var: float, rho: float) -> np.ndarray:
-        samples, n_told = regressed(part, entering, series, phi, w_var, rho)
+        samples, *_, n_told = regressed(part, entering, series, phi, w_var, rho)
         return samples - 0.5 * n_told * np.log(part.observed) / samples.size
 
     if len(candidates) > 1:

@@ -26,7 +26,12 @@ from narx_sklearn.discrepancy.stages.refuted import may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.stages.temporary import large_parts, may_stand_in, search_in_spans, spans_of
-from narx_sklearn.discrepancy.stages.unforeseen import Unforeseen, look_for_unforeseen, says_all
+from narx_sklearn.discrepancy.stages.unforeseen import (
+    Unforeseen,
+    fitted_beside,
+    look_for_unforeseen,
+    says_all,
+)
 from narx_sklearn.discrepancy.stages.unnamed import SHARE, best_pulsating, best_unnamed, is_explained_by
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
@@ -65,6 +70,8 @@ class Diagnosis:
     @property
     def noise(self) -> Noise:
         """Noise that the best explanation leaves; searched was under that which names leave."""
+        if self.unforeseen is not None and self.unforeseen.noise is not None:
+            return self.unforeseen.noise
         if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
             return self.problem.noise
         return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
@@ -273,7 +280,8 @@ def _unless_unforeseen(
         p_missing = min(p_missing, seen.p_value)
     elif not says_all(problem, seen, base, told, structure, level, settings.n_jobs):
         return found, p_missing
-    return Judgement("unknown", base, (), None, unforeseen=seen), p_missing
+    beside, seen = fitted_beside(problem, refitted, seen, settings.n_jobs)
+    return Judgement("unknown", Candidate(beside, problem.n_seen), (), None, unforeseen=seen), p_missing
 
 
 def _is_told_by_a_law(found: Judgement) -> bool:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.locate import BesideFit, Entry, Likeliest, tangent
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.locate import BesideFit, Entry, Likeliest, Refined, tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
@@ -24,6 +24,8 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 
 MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
 FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
+NONE = np.zeros(0)
+ROUNDS = 4  # of parameters and course in turn
 N_VALUES = 2  # of a course: its size and its memory
 ADDED = "a disturbance that follows no signal"
 GAIN = "an input's effect that comes and goes"
@@ -66,11 +68,18 @@ class Unforeseen(NamedTuple):
     deviance: float  # minus twice the log-likelihood with it
     of_noise: float  # the same with noise alone, of one colour or wandering on an output
     n_tried: int
+    errors: np.ndarray = NONE  # standard errors of the simulator's own parameters, once fitted beside it
+    noise: Noise | None = None  # that is left then
 
     @property
     def p_value(self) -> float:
         """Chance that noise of the sensors does as much; all that was tried pays (Bonferroni)."""
         return min(1.0, self.n_tried * float(chi2.sf(max(self.of_noise - self.deviance, 0.0), N_VALUES)))
+
+    def intervals(self, p: np.ndarray, bounds: np.ndarray, level: float) -> np.ndarray:
+        """Return confidence intervals of the simulator's own parameters p, (n, 2), within their bounds."""
+        width = norm.ppf(0.5 + level / 2) * np.where(self.errors > 0, self.errors, np.inf)
+        return np.clip(np.column_stack([p - width, p + width]), bounds[:, :1], bounds[:, 1:])
 
 
 class Course(NamedTuple):
@@ -159,6 +168,37 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
         for signal in signals:
             if np.abs(signal[covered]).max() > 0:
                 yield Acting(Entry(placed.port, signal, onward, share), placed.argument_name)
+
+
+def fitted_beside(
+    problem: Problem, refitted: Fit, unforeseen: Unforeseen, n_jobs: int | None = None
+) -> tuple[Fit, Unforeseen]:
+    """Fit the simulator's own parameters beside something unforeseen, which a refit takes into them.
+
+    Generalised least squares, linear about one fit after the other (Aitken 1935). Where a round is no
+    improvement, or leaves the bounds, the parameters stay.
+    """
+    entry, memory = unforeseen.acting.entry, unforeseen.memory
+    bounds, found, least = problem.simulator.bounds, refitted, np.inf
+    at = refitted
+    for _ in range(ROUNDS):
+        beside = beside_fit(problem, at.model)
+        size = beside.searched(entry, memory)
+        deviance = beside.with_signal(entry, memory, size)
+        if not deviance < least:
+            break
+        refined = beside.refined(entry, memory, size)
+        found, least = at, deviance
+        unforeseen = unforeseen._replace(errors=refined.errors, noise=_noise(refined))
+        p = np.clip(at.model.p + refined.move, bounds[:, 0], bounds[:, 1])
+        at = fit(problem, at.model._replace(p=p), free=np.zeros(p.size, dtype=bool), n_jobs=n_jobs)
+    return found, unforeseen
+
+
+def _noise(refined: Refined) -> Noise:
+    """Return the noise that is left, of one colour on all outputs."""
+    colour = np.array([refined.rho]) if refined.rho > 0 else np.zeros(0)
+    return Noise((colour,) * refined.deviation.size, refined.deviation * np.sqrt(1.0 - refined.rho**2))
 
 
 def says_all(
