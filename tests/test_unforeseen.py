@@ -11,7 +11,7 @@ from narx_sklearn import write_report
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.locate import BesideFit, Entry, latent_force, tangent
+from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, latent_force, tangent
 from narx_sklearn.discrepancy.locate._covered import Entrance, cover
 from narx_sklearn.discrepancy.locate._likelihood import Likeliest
 from narx_sklearn.discrepancy.noise import Noise
@@ -125,9 +125,9 @@ def test_the_likelihood_is_that_of_one_covariance_matrix(rng, entry):
     entrance = Entrance.of(linear, beside.covered, entry, beside.against.sigma)
 
     def both(w_var, memory):
-        size = Likeliest(w_var, 0.0, 0.0)
+        course = Course(entry, memory, Likeliest(w_var, 0.0, 0.0))
         dense = dense_deviance(beside, entrance, np.exp(-1.0 / memory), w_var)
-        return beside.with_signal(entry, memory, size), dense
+        return beside.deviance(course), dense
 
     ours, dense = np.transpose([both(0.0, 8.0), both(0.5, 8.0), both(30.0, 2.0), both(30.0, 50.0)])
     np.testing.assert_allclose(np.diff(ours), np.diff(dense), atol=1e-3 * np.ptp(dense))

@@ -8,9 +8,8 @@ signal with noise; ``concentrated`` takes off what parameters may make of one, `
 """
 
 from narx_sklearn.discrepancy.locate._covered import Entry
-from narx_sklearn.discrepancy.locate._likelihood import Likeliest
 from narx_sklearn.discrepancy.locate.bands import bands
-from narx_sklearn.discrepancy.locate.beside_fit import BesideFit, Refined
+from narx_sklearn.discrepancy.locate.beside_fit import BesideFit, Course, Refined
 from narx_sklearn.discrepancy.locate.concentrated import concentrated_force
 from narx_sklearn.discrepancy.locate.events import event_table, input_events
 from narx_sklearn.discrepancy.locate.features import features
@@ -26,9 +25,9 @@ __all__ = [
     "Background",
     "BesideFit",
     "Condition",
+    "Course",
     "Entry",
     "LatentForce",
-    "Likeliest",
     "Refined",
     "Tangent",
     "background",

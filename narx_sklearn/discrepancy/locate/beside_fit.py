@@ -18,6 +18,29 @@ from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 
 
+class Course(NamedTuple):
+    """An unknown signal, known by where it enters and by its size.
+
+    Attributes
+    ----------
+    entry : Entry
+        Where and how it enters.
+    memory : float
+        Samples for which it is remembered.
+    size : Likeliest
+        Its likeliest size, and the colour of the noise beside it.
+    """
+
+    entry: Entry
+    memory: float
+    size: Likeliest
+
+    @property
+    def phi(self) -> float:
+        """What is left of it one sample later."""
+        return float(np.exp(-1.0 / self.memory))
+
+
 class Refined(NamedTuple):
     """What comes of a fit beside an unknown signal.
 
@@ -64,46 +87,46 @@ class BesideFit:
     @property
     def noise_alone(self) -> float:
         """Minus twice the log-likelihood where only noise, white or of one colour, is beside the fit."""
-        return self._deviance(Entrance.closed(self.covered), 1.0, 0.0, self.against.rho)
+        return self._deviance(self._regressed(Entrance.closed(self.covered), 1.0, 0.0, self.against.rho))
 
-    def searched(self, entry: Entry, memory: float) -> Likeliest:
-        """Return the likeliest size of a signal remembered for some samples, over a part of the record."""
-        entrance = Entrance.of(self.linear, self.covered, entry, self.against.sigma)
-        return best_force(self.covered, entrance, _forgetting(memory), self.against.rho, "ar1")
+    def course(self, entry: Entry, memory: float) -> Course:
+        """Return a signal of the size that is likeliest, over a part of the record."""
+        course = Course(entry, memory, Likeliest(0.0, self.against.rho, 0.0))
+        size = best_force(self.covered, self._entrance(course), course.phi, self.against.rho, "ar1")
+        return course._replace(size=size)
 
-    def with_signal(self, entry: Entry, memory: float, size: Likeliest) -> float:
-        """Return minus twice the log-likelihood with such a signal, over the whole record."""
-        entrance = Entrance.of(self.linear, self.covered, entry, self.against.sigma)
-        return self._deviance(entrance, _forgetting(memory), size.w_var, size.rho)
+    def deviance(self, course: Course) -> float:
+        """Return minus twice the log-likelihood with a signal, over the whole record."""
+        return self._deviance(self._fitted(course))
 
-    def deviations(self, entry: Entry, memory: float, size: Likeliest, n_samples: int) -> np.ndarray:
-        """Return how far the states are from the run with such a signal, (n_samples, n_states)."""
-        entrance = Entrance.of(self.linear, self.covered, entry, self.against.sigma)
-        found = estimate(self.covered, entrance, _forgetting(memory), size.w_var, size.rho, keep=True)
+    def deviations(self, course: Course, n_samples: int) -> np.ndarray:
+        """Return how far the states are from the run with a signal, (n_samples, n_states)."""
+        w_var, rho, _ = course.size
+        found = estimate(self.covered, self._entrance(course), course.phi, w_var, rho, keep=True)
         return self.covered.in_record(found.dx, n_samples)
 
-    def refined(self, entry: Entry, memory: float, size: Likeliest) -> Refined:
-        """Return what comes of all that was fitted beside such a signal."""
-        entrance = Entrance.of(self.linear, self.covered, entry, self.against.sigma)
-        found = self._regressed(entrance, _forgetting(memory), size.w_var, size.rho)
+    def refined(self, course: Course) -> Refined:
+        """Return what comes of all that was fitted beside a signal."""
+        found = self._fitted(course)
         length = np.where(self.lengths > 0, self.lengths, np.inf)
         return Refined(
             move=found.coefficients / length,
             errors=np.sqrt(np.diag(found.covariance)) / length,
             deviation=self.against.sigma * np.sqrt(found.concentrated),
-            rho=size.rho,
+            rho=course.size.rho,
         )
 
-    def _deviance(self, entrance: Entrance, phi: float, w_var: float, rho: float) -> float:
-        samples = self._regressed(entrance, phi, w_var, rho).samples
-        # the residual is counted in units of this background's noise
-        unit = np.log(self.against.sigma) @ np.isfinite(self.covered.b[:, :, 0]).sum(axis=0)
-        return float(2.0 * (unit - samples.sum()))
+    def _entrance(self, course: Course) -> Entrance:
+        return Entrance.of(self.linear, self.covered, course.entry, self.against.sigma)
+
+    def _fitted(self, course: Course) -> Regressed:
+        return self._regressed(self._entrance(course), course.phi, course.size.w_var, course.size.rho)
 
     def _regressed(self, entrance: Entrance, phi: float, w_var: float, rho: float) -> Regressed:
         series = np.concatenate([self.covered.b, self.responses], axis=2)
         return regressed(self.covered, entrance, series, phi, w_var, rho)
 
-
-def _forgetting(memory: float) -> float:
-    return float(np.exp(-1.0 / memory))
+    def _deviance(self, found: Regressed) -> float:
+        # the residual is counted in units of this background's noise
+        unit = np.log(self.against.sigma) @ np.isfinite(self.covered.b[:, :, 0]).sum(axis=0)
+        return float(2.0 * (unit - found.samples.sum()))

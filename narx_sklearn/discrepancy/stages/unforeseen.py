@@ -14,7 +14,7 @@ from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
-from narx_sklearn.discrepancy.locate import BesideFit, Entry, Likeliest, Refined, tangent
+from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, Refined, tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
@@ -82,12 +82,11 @@ class Unforeseen(NamedTuple):
         return np.clip(np.column_stack([p - width, p + width]), bounds[:, :1], bounds[:, 1:])
 
 
-class Course(NamedTuple):
-    """A course by itself at one place, and how likely the record is with it."""
+class Likely(NamedTuple):
+    """A course at one place, and how likely the record is with it."""
 
     acting: Acting
-    memory: float
-    size: Likeliest
+    course: Course
     deviance: float
 
 
@@ -105,29 +104,24 @@ def look_for_unforeseen(
         return None
     on_sensors = [Acting(Entry(Port("output", i))) for i in range(problem.y.shape[1])]
     plain = likeliest_course(beside, added, n_jobs)
-    deviations = beside.deviations(plain.acting.entry, plain.memory, plain.size, len(problem.y))
-    moved = np.nan_to_num(run.x) + np.nan_to_num(deviations)
+    moved = np.nan_to_num(run.x) + np.nan_to_num(beside.deviations(plain.course, len(problem.y)))
     factors = list(factors_inside(problem, moved, structure))
-    best = min(
-        [plain, *([likeliest_course(beside, factors, n_jobs)] if factors else [])], key=lambda c: c.deviance
-    )
+    found = [plain, *([likeliest_course(beside, factors, n_jobs)] if factors else [])]
+    acting, course, deviance = min(found, key=lambda likely: likely.deviance)
     of_noise = min(beside.noise_alone, likeliest_course(beside, on_sensors, n_jobs).deviance)
     n_tried = (len(added) + len(factors)) * len(MEMORIES)
-    return Unforeseen(best.acting, best.memory, best.deviance, of_noise, n_tried)
+    return Unforeseen(acting, course.memory, deviance, of_noise, n_tried)
 
 
-def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None = None) -> Course:
+def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None = None) -> Likely:
     """Return the likeliest course at any of some places, remembered for any time."""
     tried = list(product(places, MEMORIES))
-    sizes = Parallel(n_jobs=n_jobs, prefer="threads")(
-        delayed(beside.searched)(acting.entry, memory) for acting, memory in tried
+    courses = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(beside.course)(acting.entry, memory) for acting, memory in tried
     )
-    found = []
-    for i in sorted(range(len(tried)), key=lambda i: -sizes[i].log_likelihood)[:FINALISTS]:
-        acting, memory = tried[i]
-        deviance = beside.with_signal(acting.entry, memory, sizes[i])
-        found.append(Course(acting, memory, sizes[i], deviance))
-    return min(found, key=lambda course: course.deviance)
+    order = sorted(range(len(tried)), key=lambda i: -courses[i].size.log_likelihood)
+    found = [Likely(tried[i][0], courses[i], beside.deviance(courses[i])) for i in order[:FINALISTS]]
+    return min(found, key=lambda likely: likely.deviance)
 
 
 def beside_fit(problem: Problem, model: Model) -> BesideFit:
@@ -178,16 +172,15 @@ def fitted_beside(
     Generalised least squares, linear about one fit after the other (Aitken 1935). Where a round is no
     improvement, or leaves the bounds, the parameters stay.
     """
-    entry, memory = unforeseen.acting.entry, unforeseen.memory
     bounds, found, least = problem.simulator.bounds, refitted, np.inf
     at = refitted
     for _ in range(ROUNDS):
         beside = beside_fit(problem, at.model)
-        size = beside.searched(entry, memory)
-        deviance = beside.with_signal(entry, memory, size)
+        course = beside.course(unforeseen.acting.entry, unforeseen.memory)
+        deviance = beside.deviance(course)
         if not deviance < least:
             break
-        refined = beside.refined(entry, memory, size)
+        refined = beside.refined(course)
         found, least = at, deviance
         unforeseen = unforeseen._replace(errors=refined.errors, noise=_noise(refined))
         p = np.clip(at.model.p + refined.move, bounds[:, 0], bounds[:, 1])
