@@ -70,7 +70,7 @@ class Diagnosis:
     @property
     def noise(self) -> Noise:
         """Noise that the best explanation leaves; searched was under that which names leave."""
-        if self.unforeseen is not None and self.unforeseen.noise is not None:
+        if self.unforeseen is not None:
             return self.unforeseen.noise
         if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
             return self.problem.noise
@@ -263,7 +263,7 @@ def _unless_unforeseen(
     What a twin gets wrong of its simulator looks like that, and is no alarm.
     """
     problem, refitted, _ = searched
-    if found is not None and may_be_drift(found.best, found.alternatives):
+    if found is not None and found.best.effects and may_be_drift(found.best, found.alternatives):
         return found, p_missing
     told = None
     if found is not None:
