@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     ADDED,
     FACTOR,
     GAIN,
+    explain_most,
     factors_inside,
     look_for_unforeseen,
     says_all,
@@ -191,6 +192,7 @@ def test_a_law_that_is_right_stands_beside_a_disturbance(rng, load):
     seen = look_for_unforeseen(problem, alone.model, structure)
     candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
     assert not says_all(problem, seen, *candidates, structure, LEVEL)
+    assert explain_most(problem, seen, *candidates)
 
 
 def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
@@ -201,6 +203,7 @@ def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
     seen = look_for_unforeseen(problem, alone.model, structure)
     candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
     assert says_all(problem, seen, *candidates, structure, LEVEL)
+    assert not explain_most(problem, seen, *candidates)
 
 
 @pytest.fixture(scope="module")

@@ -207,9 +207,7 @@ def says_all(
     """Tell whether something unforeseen acts, and laws that were told add nothing to it.
 
     It does beside the laws too, and they do not pay for themselves then. Those that are right would: beside a
-    machine that is disturbed they are worth their price as well. Where next to no noise shows every
-    disturbance, and when a law acts is known less well, that may fail; laws that take off most of what the
-    unforeseen does stay.
+    machine that is disturbed they are worth their price as well.
 
     Parameters
     ----------
@@ -223,9 +221,21 @@ def says_all(
     beside = look_for_unforeseen(problem, told.fit.model, structure, n_jobs)
     if beside is None or beside.p_value > level:
         return False
-    if unforeseen.deviance + base.price >= beside.deviance + told.price + CLEARER:
-        return False
+    return unforeseen.deviance + base.price < beside.deviance + told.price + CLEARER
+
+
+def explain_most(problem: Problem, unforeseen: Unforeseen, base: Candidate, told: Candidate) -> bool:
+    """Tell whether laws take off most of what something unforeseen does.
+
+    Where next to no noise shows every disturbance, and when a law acts is known less well, it may not pay
+    for itself beside them, though it is most of what is missing.
+
+    Parameters
+    ----------
+    base, told : Candidate
+        Without and with the laws.
+    """
     deviations = [unforeseen.noise.deviation(output) for output in range(problem.y.shape[1])]
     plain = problem.with_noise(Noise.white(np.array(deviations)))
     without, with_laws = (fit(plain, c.fit.model, iterations=0).cost for c in (base, told))
-    return without - with_laws < MOST * (without - plain.n_seen)
+    return without - with_laws >= MOST * (without - plain.n_seen)
