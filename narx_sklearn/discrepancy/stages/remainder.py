@@ -99,7 +99,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     if not (np.isfinite(found.cost) and found.cost > 0):
         return Remainder(())
     rng = np.random.default_rng(random_state)
-    slow = found.projector(np.stack([problem.whiten(drift) for drift in _drifts(problem)], axis=2))
+    slow = found.projector(np.stack([problem.whiten(drift) for drift in drifts_of(problem)], axis=2))
     found = found._replace(jacobian=np.concatenate([found.jacobian, slow], axis=2))
     e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
     leverage = _leverage(found, e)
@@ -131,7 +131,7 @@ def _tangent_along(problem: Problem, model: Model, run: Run) -> Tangent:
     return tangent(simulator, run, problem.u, problem.windows, model.p)
 
 
-def _drifts(problem: Problem) -> list[np.ndarray]:
+def drifts_of(problem: Problem) -> list[np.ndarray]:
     """Return slow cosines on every output: what drifts with them is left to the noise."""
     n_samples, n_outputs = problem.y.shape
     turns = np.pi * np.arange(n_samples) / n_samples

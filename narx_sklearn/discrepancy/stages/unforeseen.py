@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER
 from narx_sklearn.discrepancy.search.generic import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.remainder import drifts_of
 
 MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
 FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
@@ -68,7 +69,7 @@ class Unforeseen(NamedTuple):
     deviance: float  # minus twice the log-likelihood with it
     of_noise: float  # the same with noise alone, of one colour or wandering on an output
     n_tried: int
-    errors: np.ndarray  # standard errors of the parameters beside it
+    errors: np.ndarray  # standard errors beside it, of the simulator's own parameters first
     noise: Noise  # that is left
 
     @property
@@ -78,7 +79,8 @@ class Unforeseen(NamedTuple):
 
     def intervals(self, p: np.ndarray, bounds: np.ndarray, level: float) -> np.ndarray:
         """Return confidence intervals of the simulator's own parameters p, (n, 2), within their bounds."""
-        width = norm.ppf(0.5 + level / 2) * np.where(self.errors > 0, self.errors, np.inf)
+        errors = self.errors[: p.size]
+        width = norm.ppf(0.5 + level / 2) * np.where(errors > 0, errors, np.inf)
         return np.clip(np.column_stack([p - width, p + width]), bounds[:, :1], bounds[:, 1:])
 
 
@@ -95,10 +97,10 @@ def look_for_unforeseen(
 ) -> Unforeseen | None:
     """Return what follows no signal and is likeliest beside a fitted model; None where nothing can be.
 
-    Held against it is noise, white, of one colour, or wandering on any output: that is no force. What is in
-    proportion to a state is so to that of the machine, which what is added tells best.
+    Held against it is noise, white, of one colour, or wandering on any output, all of which may drift: that
+    is no force. What is in proportion to a state is so to that of the machine, which what is added tells best.
     """
-    beside, run = beside_fit(problem, model), problem.run(model)
+    beside, run = beside_fit(problem, model, may_drift=True), problem.run(model)
     added = [Acting(Entry(port)) for port in ports_inside(structure)]
     if not added:
         return None
@@ -125,8 +127,14 @@ def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None
     return min(found, key=lambda likely: likely.deviance)
 
 
-def beside_fit(problem: Problem, model: Model) -> BesideFit:
-    """Return a fitted model as what something unforeseen may be beside of."""
+def beside_fit(problem: Problem, model: Model, *, may_drift: bool = False) -> BesideFit:
+    """Return a fitted model as what something unforeseen may be beside of.
+
+    Parameters
+    ----------
+    may_drift : bool, default=False
+        Whether outputs may drift slowly, each on its own: that is noise, and no force.
+    """
     run = problem.run(model)
     linear = tangent(problem.simulator.with_effects(model.effects), run, problem.u, problem.windows, model.p)
     plain = problem.with_noise(Noise.white(np.ones(problem.y.shape[1])))
@@ -134,6 +142,8 @@ def beside_fit(problem: Problem, model: Model) -> BesideFit:
     responses = np.zeros((*problem.y.shape, jacobian.shape[2]))
     by_sample = jacobian.reshape(*problem.seen.shape, jacobian.shape[2])
     responses[problem.rows[problem.inside]] = by_sample[problem.inside]
+    if may_drift:
+        responses = np.concatenate([responses, np.stack(drifts_of(problem), axis=2)], axis=2)
     return BesideFit.of(linear, problem.y - run.y, problem.windows, responses)
 
 
