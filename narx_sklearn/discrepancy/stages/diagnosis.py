@@ -266,10 +266,9 @@ def _unless_unforeseen(
     problem, refitted, _ = searched
     if found is not None and found.best.effects and may_be_drift(found.best, found.alternatives):
         return found, p_missing
-    told, is_named = None, False
+    told = None
     if found is not None:
         told = found.unnamed if _is_told_by_a_law(found) else found.best
-        is_named = found.verdict != "unknown"
     settings.tell("does anything act that follows no signal?")
     seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)
     level = SHARE * settings.alpha
@@ -280,10 +279,10 @@ def _unless_unforeseen(
         if found is None and isinstance(problem.simulator, TwinSimulator):
             return found, p_missing
         p_missing = min(p_missing, seen.p_value)
-    else:
-        stand = is_named and explain_most(problem, seen, base, told)
-        if stand or not says_all(problem, seen, base, told, structure, level, settings.n_jobs):
-            return found, p_missing
+    elif explain_most(problem, seen, base, told) or not says_all(
+        problem, seen, base, told, structure, level, settings.n_jobs
+    ):
+        return found, p_missing
     beside, seen = fitted_beside(problem, refitted, seen, settings.n_jobs)
     return Judgement("unknown", Candidate(beside, problem.n_seen), (), None, unforeseen=seen), p_missing
 

@@ -98,7 +98,7 @@ def look_for_unforeseen(
     """Return what follows no signal and is likeliest beside a fitted model; None where nothing can be.
 
     Held against it is noise, white, of one colour, or wandering on any output, all of which may drift: that
-    is no force. What is in proportion to a state is so to that of the machine, which what is added tells best.
+    is no force. What is in proportion to a state is so to the machine's, which what is added tells best.
     """
     beside, run = beside_fit(problem, model, may_drift=True), problem.run(model)
     added = [Acting(Entry(port)) for port in ports_inside(structure)]
