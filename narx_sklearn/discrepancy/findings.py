@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -116,21 +117,11 @@ def _sizes(diagnosis: Diagnosis) -> list[tuple[float, float] | None]:
 def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:
     """Return the finding of what has neither name nor curve, but is no noise."""
     against = diagnosis.against_noise
-    return Finding(
-        effect="unknown",
+    return replace(
+        _without_form(diagnosis, simulator, port),
         title="something without a name",
         sentence=" ".join(["What is left over is no noise.", *(sign.words for sign in against)]),
-        equation="",
-        port=str(port),
-        place=port_in_words(port, simulator),
-        argument="",
-        parameters={},
-        intervals={},
-        units={},
-        lookalikes=(),
-        p_value=diagnosis.p_missing,
         confidence=1.0 - diagnosis.p_missing,
-        improvement=0.0,
         separate_by="; ".join(sign.to_try for sign in against),
         evidence={sign.kind: sign.p_value for sign in against},
     )
@@ -142,11 +133,25 @@ def _unforeseen(
     """Return the finding of what follows no signal."""
     acting = unforeseen.acting
     port, force = acting.entry.port, location.force["force"]
+    lasts = in_seconds(unforeseen.memory * simulator.dt, 2)
+    return replace(
+        _without_form(diagnosis, simulator, port),
+        title=acting.title,
+        sentence=f"{acting.sentence} It changes within about {lasts}.",
+        confidence=(1.0 - OUTSIDE) * (1.0 - unforeseen.p_value),
+        separate_by=TO_TRY,
+        adds=(float(force.min()), float(force.max())),
+        adds_to=f"{unit_added(port, simulator)} {name_added(port, simulator)}".lstrip(),
+        evidence={"unforeseen": unforeseen.p_value},
+    )
+
+
+def _without_form(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:
+    """Return an empty finding of something at a port that has no form."""
     return Finding(
         effect="unknown",
-        title=acting.title,
-        sentence=f"{acting.sentence} It changes within about "
-        f"{in_seconds(unforeseen.memory * simulator.dt, 2)}.",
+        title="",
+        sentence="",
         equation="",
         port=str(port),
         place=port_in_words(port, simulator),
@@ -156,12 +161,7 @@ def _unforeseen(
         units={},
         lookalikes=(),
         p_value=diagnosis.p_missing,
-        confidence=(1.0 - OUTSIDE) * (1.0 - unforeseen.p_value),
         improvement=0.0,
-        separate_by=TO_TRY,
-        adds=(float(force.min()), float(force.max())),
-        adds_to=f"{unit_added(port, simulator)} {name_added(port, simulator)}".lstrip(),
-        evidence={"unforeseen": unforeseen.p_value},
     )
 
 
