@@ -451,15 +451,17 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
 
     def _diagnosed(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
-        """Return the diagnosis, that of the second look where only it finds something missing."""
+        """Return the diagnosis, that of the second look where only it finds something missing, or a law."""
         self._late_only = False
         fitting, held_out = self._split(u, sessions)
         first = diagnose(simulator, u, y, fitting, settings)
-        if first.verdict not in NOTHING_MISSING or not held_out:
+        no_law = first.unforeseen is not None and first.steps[0].detection.p_value > settings.alpha
+        if (first.verdict not in NOTHING_MISSING and not no_law) or not held_out:
             return first
         self._tell("a second look, at the samples held out")
         second = self._second_look(simulator, u, y, sessions, settings)
-        self._late_only = second.verdict not in NOTHING_MISSING
+        is_law = second.unforeseen is None or not no_law
+        self._late_only = second.verdict not in NOTHING_MISSING and is_law
         return second if self._late_only else first
 
     def _second_look(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
