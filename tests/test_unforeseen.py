@@ -25,6 +25,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     GAIN,
     explain_most,
     factors_inside,
+    fitted_beside,
     look_for_unforeseen,
     says_all,
 )
@@ -272,3 +273,14 @@ def test_the_report_draws_its_course(dropping_out, tmp_path):
     write_report(dx, tmp_path / "report.html", u, y)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "its course, two standard errors to either side" in text
+
+
+def test_a_simulation_that_was_corrected_is_fitted_beside_it_too(rng):
+    u, y = record(rng, friction=0.2, load=wandering(rng, 40, 0.15))
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.2,))
+    problem, alone, structure = fitted(u, y, (friction,))
+    seen = look_for_unforeseen(problem, alone.model, structure)
+    found, seen = fitted_beside(problem, alone, seen)
+    assert seen.errors.shape == found.model.q.shape
+    assert found.model.effects[0].theta[0] == pytest.approx(0.2, abs=4 * seen.errors[-1])
+    assert (np.abs(found.model.p - (4.4, 1.2, 19.0)) < 4 * seen.errors[:3]).all()

@@ -283,7 +283,7 @@ def _unless_unforeseen(
         problem, seen, base, told, structure, level, settings.n_jobs
     ):
         return found, p_missing
-    beside, seen = fitted_beside(problem, refitted, seen, settings.n_jobs)
+    beside, seen = fitted_beside(problem, refitted, seen)
     return Judgement("unknown", Candidate(beside, problem.n_seen), (), None, unforeseen=seen), p_missing
 
 

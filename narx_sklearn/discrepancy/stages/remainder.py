@@ -105,7 +105,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     leverage = _leverage(found, e)
     scores = _scores(problem, leverage, e)
     run = problem.run(model)
-    linear = _tangent_along(problem, model, run)
+    linear = tangent_along(problem, model, run)
     return Remainder(
         (
             _follows(problem, found, run, linear, e, structure, rng),
@@ -121,12 +121,13 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
 def look_for_pulse(problem: Problem, found: Fit, structure: Structure, random_state=None) -> Sign:
     """Test whether what a fit leaves over follows a wave times a signal."""
     run = problem.run(found.model)
-    linear = _tangent_along(problem, found.model, run)
+    linear = tangent_along(problem, found.model, run)
     e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
     return _pulse(problem, found, run, linear, e, structure, np.random.default_rng(random_state))
 
 
-def _tangent_along(problem: Problem, model: Model, run: Run) -> Tangent:
+def tangent_along(problem: Problem, model: Model, run: Run) -> Tangent:
+    """Linearise a model along its run."""
     simulator = problem.simulator.with_effects(model.effects)
     return tangent(simulator, run, problem.u, problem.windows, model.p)
 

@@ -13,15 +13,15 @@ from joblib import Parallel, delayed
 from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import Fit, fit
-from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, Refined, tangent
+from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit, fit_states
+from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, Refined
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER
 from narx_sklearn.discrepancy.search.generic import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.remainder import drifts_of
+from narx_sklearn.discrepancy.stages.remainder import drifts_of, tangent_along
 
 MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
 FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
@@ -136,7 +136,7 @@ def beside_fit(problem: Problem, model: Model, *, may_drift: bool = False) -> Be
         Whether outputs may drift slowly, each on its own: that is noise, and no force.
     """
     run = problem.run(model)
-    linear = tangent(problem.simulator.with_effects(model.effects), run, problem.u, problem.windows, model.p)
+    linear = tangent_along(problem, model, run)
     plain = problem.with_noise(Noise.white(np.ones(problem.y.shape[1])))
     jacobian = fit(plain, model, iterations=0).jacobian
     responses = np.zeros((*problem.y.shape, jacobian.shape[2]))
@@ -175,16 +175,14 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
                 yield Acting(Entry(placed.port, signal, onward, share), placed.argument_name)
 
 
-def fitted_beside(
-    problem: Problem, refitted: Fit, unforeseen: Unforeseen, n_jobs: int | None = None
-) -> tuple[Fit, Unforeseen]:
-    """Fit the simulator's own parameters beside something unforeseen, which a refit takes into them.
+def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tuple[Fit, Unforeseen]:
+    """Fit all parameters of a refitted model beside something unforeseen, which a refit takes into them.
 
-    Generalised least squares, linear about one fit after the other (Aitken 1935). Where a round is no
-    improvement, or leaves the bounds, the parameters stay.
+    Generalised least squares, linear about one fit after the other (Aitken 1935), within the bounds, as long
+    as that is an improvement.
     """
-    bounds, found, least = problem.simulator.bounds, refitted, np.inf
-    at = refitted
+    lower, upper = all_bounds(problem, refitted.model).T
+    found, at, least = refitted, refitted, np.inf
     for _ in range(ROUNDS):
         beside = beside_fit(problem, at.model)
         course = beside.course(unforeseen.acting.entry, unforeseen.memory)
@@ -194,8 +192,7 @@ def fitted_beside(
         refined = beside.refined(course)
         found, least = at, deviance
         unforeseen = unforeseen._replace(errors=refined.errors, noise=noise_left(refined))
-        p = np.clip(at.model.p + refined.move, bounds[:, 0], bounds[:, 1])
-        at = fit(problem, at.model._replace(p=p), free=np.zeros(p.size, dtype=bool), n_jobs=n_jobs)
+        at = fit_states(problem, at.model.with_q(np.clip(at.model.q + refined.move, lower, upper)))
     return found, unforeseen
 
 
