@@ -43,9 +43,8 @@ def make_findings(
     if diagnosis.unforeseen is not None:
         return [_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location)]
     if not best.effects:
-        first = location.ports.iloc[0]
-        likeliest = Port(first["kind"], int(first["index"]))
-        return [_shapeless(diagnosis, simulator, likeliest)] if diagnosis.verdict == "unknown" else []
+        unknown = diagnosis.verdict == "unknown"
+        return [_shapeless(diagnosis, simulator, location.likeliest)] if unknown else []
     sure = intervals(diagnosis.problem, best.fit, level)
     share = 1 - best.fit.cost / base.cost
     sizes = _sizes(diagnosis)

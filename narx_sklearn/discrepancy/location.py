@@ -72,6 +72,12 @@ class Location(NamedTuple):
     invariances: pd.DataFrame = NOTHING_TOLD
     against: tuple[str, ...] = ()
 
+    @property
+    def likeliest(self) -> Port:
+        """The first of the ports."""
+        first = self.ports.to_dict("records")[0]
+        return Port(first["kind"], int(first["index"]))
+
 
 def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -> Location:
     """Locate the mismatch that is left after the simulator's own parameters were refitted."""
@@ -90,9 +96,7 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
     )
     table = port_table(forces, simulator, windows)
     if diagnosis.unforeseen is None:
-        best = next(
-            f for f in forces if f.port == Port(str(table.loc[0, "kind"]), int(table["index"].iloc[0]))
-        )
+        best = max(forces, key=lambda force: force.evidence)
     else:
         entry, memory = diagnosis.unforeseen.acting.entry, diagnosis.unforeseen.memory
         linear = tangent(simulator, run, problem.u, windows, p)
@@ -122,20 +126,20 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
 
     It is held against the position and rate that its equation has, or a signal and its rate, and an input.
     """
-    problem, (first, *_) = diagnosis.problem, location.ports.to_dict("records")
+    problem, (kind, port) = diagnosis.problem, location.likeliest
     simulator, samples = problem.simulator, location.force["sample"].to_numpy()
     run = problem.run(diagnosis.best.fit.model)
     x, u, names = run.x[samples], problem.u[samples], simulator.states
-    port, drive, force = int(first["index"]), 0, location.force["force"].to_numpy()
+    drive, force = 0, location.force["force"].to_numpy()
 
     def with_rate(values: np.ndarray, signal: Signal) -> tuple[np.ndarray, np.ndarray, str, str]:
         moves = Signal(rate_of(signal.name), tidy_unit(f"{signal.unit}/s") if signal.unit else "")
         return values, np.gradient(values, simulator.dt), str(signal), str(moves)
 
-    if first["kind"] == "input":
+    if kind == "input":
         position, rate, *called = with_rate(u[:, port], simulator.inputs[port])
         drive = next((j for j in range(u.shape[1]) if j != port), port)
-    elif first["kind"] == "output":
+    elif kind == "output":
         position, rate, *called = with_rate(run.y[samples, port], simulator.outputs[port])
         # what is asked for is what is left; a smoother would call it coloured noise
         force = (problem.y - diagnosis.base_run.y)[samples, port]

@@ -5,7 +5,6 @@ import numpy as np
 from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
-from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.results import (
     CHANGES,
     DISTURBED,
@@ -172,8 +171,7 @@ def what_it_is_like(dx) -> str:
     readings = table["reading"][table["value"].notna() & (table["reading"] != NOT_TOLD)]
     if not len(readings):
         return ""
-    port = dx.location_.ports.iloc[0]
-    where = port_in_words(Port(port["kind"], int(port["index"])), dx._diagnosis.problem.simulator)
+    where = port_in_words(dx.location_.likeliest, dx._diagnosis.problem.simulator)
     x, v, u = against
     return f"Seen as an unknown signal {where}, with x = {x}, v = {v} and u = {u}: {'; '.join(readings)}."
 
