@@ -17,7 +17,14 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import followed, followed_together, response
-from narx_sklearn.discrepancy.stages.remainder import Remainder, Sign, _in_bursts, _shared, look_at_remainder
+from narx_sklearn.discrepancy.stages.remainder import (
+    Remainder,
+    Sign,
+    _in_bursts,
+    _loud,
+    _shared,
+    look_at_remainder,
+)
 
 N = 2000
 DT = 0.02
@@ -189,6 +196,19 @@ class TestSigns:
         both = sign("current", "speed")
         assert "on all outputs at once" in both.words
         assert both.p_value < min(sign("current").p_value, sign("speed").p_value) / 2
+
+    @pytest.mark.parametrize("n_outputs", [1, 2, 6])
+    def test_what_bursts_hold_is_their_excess_over_noise_on_all_outputs(self, n_outputs):
+        e = np.random.default_rng(2).normal(size=(N, n_outputs)) * np.linspace(1.0, 9.0, n_outputs)
+        struck = np.zeros(N, dtype=bool)
+        struck[600:616] = struck[1400:1416] = True
+        e[struck] *= 5.0
+        records = SimpleNamespace(simulator=SimpleNamespace(dt=DT), rows=np.arange(N)[None])
+        when, gain = _loud(records, e, np.arange(N))
+        times = [float(t.split()[0]) for t in when.removeprefix(" round ").split(", ")]
+        assert all(min(abs(t - k * DT) for t in times) < 0.1 for k in (608, 1408))
+        excess = np.sum((e[struck] / np.linspace(1.0, 9.0, n_outputs)) ** 2 - 1.0)
+        assert gain == pytest.approx(excess, rel=0.15)
 
     def test_a_hum_is_a_line_at_its_frequency(self):
         rng = np.random.default_rng(5)

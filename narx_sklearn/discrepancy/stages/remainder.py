@@ -306,12 +306,12 @@ def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign
     """
     names = [str(output) for output in problem.simulator.outputs]
     scores, e = scores.reshape(-1, len(names)), e.reshape(-1, len(names))
+    outputs = [[i] for i in range(len(names))]
     if len(names) > 1:
+        outputs.append(list(range(len(names))))
         names.append("all outputs at once")
         counted = np.all(scores != 0, axis=1)
         scores = np.column_stack([scores, np.where(counted, scores.sum(axis=1), 0.0)])
-        typical = np.median(np.abs(e), axis=0)
-        e = np.column_stack([e, np.linalg.norm(e / np.where(typical > 0, typical, 1.0), axis=1)])
     places = [np.flatnonzero(column) for column in scores.T]
     own = {i: scores[place, i] for i, place in enumerate(places) if _lengths(place)}
     if not own:
@@ -329,7 +329,7 @@ def _in_bursts(problem: Problem, scores: np.ndarray, e: np.ndarray, rng) -> Sign
         above = np.count_nonzero(largest >= found[loudest])
         if above >= ENOUGH:
             break
-    when, gain = _loud(problem, e[places[loudest], loudest], places[loudest])
+    when, gain = _loud(problem, e[places[loudest]][:, outputs[loudest]], places[loudest])
     p = (1.0 + above) / (1.0 + draws)
     return Sign("bursts", f"It comes in bursts on {names[loudest]}{when}.", p, gain=gain)
 
@@ -349,10 +349,14 @@ def _clustering(z: np.ndarray) -> np.ndarray:
 
 
 def _loud(problem: Problem, e: np.ndarray, place: np.ndarray) -> tuple[str, float]:
-    """Return the times of the loudest bursts in words, and by how much the innovations there exceed noise."""
+    """Return the times of the loudest bursts of innovations e (n, n_outputs) in words, and their excess.
+
+    The excess is that of their squares over noise, in variances of the noise.
+    """
     length = BURSTS[1]
-    power = (e / np.median(np.abs(e)) * MEDIAN) ** 2 - 1.0
-    spread = np.sqrt(2 * length)
+    typical = np.median(np.abs(e), axis=0) / MEDIAN
+    power = np.sum((e / np.where(typical > 0, typical, np.inf)) ** 2 - 1.0, axis=1)
+    spread = np.sqrt(2 * length * e.shape[1])
     means = np.convolve(power, np.ones(length) / spread, mode="same")
     times: list[float] = []
     gain = 0.0
