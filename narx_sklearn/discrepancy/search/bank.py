@@ -1,5 +1,6 @@
 """Columns of the bank: what each effect would change in the output, everything else projected out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -95,6 +96,14 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
     useful = np.diag(gram) > INVISIBLE * np.maximum(raw, 1e-300)
     columns = np.moveaxis(stored, 0, 2)
     return Bank(hypotheses, owner, start, columns, residual, gram, flat @ residual.ravel(), useful)
+
+
+def beside(problem: Problem, fit: Fit, hypotheses: Sequence[Hypothesis], n_jobs: int | None = None) -> Fit:
+    """Return a fit to which what some hypotheses would do is as explained as what its parameters do."""
+    if not hypotheses:
+        return fit
+    columns = make_bank(problem, fit, list(hypotheses), n_jobs).columns
+    return fit._replace(jacobian=np.concatenate([fit.jacobian, columns], axis=2))
 
 
 def directions(jacobian: np.ndarray) -> np.ndarray:

@@ -352,7 +352,7 @@ def probe(problem: Problem, base: Fit, bank: Bank, random_state=None, allowed=No
 
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
     """Return the set fitted without each of its members but the last."""
-    return [_without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
+    return [without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
 
 
 def reordered(problem: Problem, pool: Sequence[Candidate]) -> list[Candidate]:
@@ -390,10 +390,10 @@ def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
     idle = [
         effect
         for index, effect in enumerate(candidate.effects)
-        if _without(problem, candidate, [effect], iterations=0).criterion <= candidate.criterion
+        if without(problem, candidate, [effect], iterations=0).criterion <= candidate.criterion
         or _is_as_good_at_no_size(problem, candidate, index)
     ]
-    return [_without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
+    return [without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
 
 
 def _is_as_good_at_no_size(problem: Problem, candidate: Candidate, index: int) -> bool:
@@ -427,7 +427,7 @@ def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] 
     def cost(left_out: list[PlacedEffect]) -> float:
         places = candidate.places - {effect.place for effect in left_out}
         known = [c.fit.cost for c in pool if c.places == places]
-        return min([_without(problem, candidate, left_out).fit.cost, *known])
+        return min([without(problem, candidate, left_out).fit.cost, *known])
 
     namesakes: dict[str, list[PlacedEffect]] = {}
     for effect in effects:
@@ -441,9 +441,10 @@ def by_weight(problem: Problem, candidate: Candidate, pool: Sequence[Candidate] 
     return tuple(sorted(range(len(effects)), key=left, reverse=True))
 
 
-def _without(
+def without(
     problem: Problem, candidate: Candidate, left_out: list[PlacedEffect], *, iterations: int = FINE
 ) -> Candidate:
+    """Return a set fitted again without some of its members."""
     places = {effect.place for effect in left_out}
     effects = tuple(e for e in candidate.effects if e.place not in places)
     reduced = fit(problem, candidate.fit.model._replace(effects=effects), iterations=iterations)

@@ -89,7 +89,7 @@ def _judged(
     if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
         # the names took off less than they leave: they are not even near to it
         return Judgement("unknown", Candidate(refitted, problem.n_seen), (), unnamed, True, signs)
-    if signs or only_stand_in(refitted, best, unnamed, leftover, settings.alpha):
+    if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings):
         return Judgement("unknown", best, alternatives, unnamed, True, signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)

@@ -1,5 +1,6 @@
 """What speaks against names: what they leave, and what explains as much without them."""
 
+from collections.abc import Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -7,16 +8,18 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
-from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.bank import beside, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
 from narx_sklearn.discrepancy.search.explain import probe
 from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
+from narx_sklearn.discrepancy.stages.forms import own_forms
 from narx_sklearn.discrepancy.stages.naming import FORM
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.unnamed import SHARE, SUSPECT, UNEXPLAINED, curves_along
@@ -38,21 +41,29 @@ class Leftover(NamedTuple):
         return self.of_form and self.p_value <= alpha and self.gain > share * (taken_off + self.gain)
 
 
-def leftover_of(problem: Problem, best: Candidate, structure: Structure, settings: Settings) -> Leftover:
+def leftover_of(
+    problem: Problem,
+    best: Candidate,
+    structure: Structure,
+    settings: Settings,
+    forms: Sequence[Hypothesis] = (),
+) -> Leftover:
     """Test what the named set leaves, and return what the best further column or curve would take.
 
-    A drift or an offset of an output does not count: the search held it against noise that drifts.
+    A drift or an offset of an output does not count: the search held it against noise that drifts. Nor does
+    what other ``forms`` of the names would do.
     """
     curves = curves_along(problem, best.fit, structure)
     hypotheses = hypotheses_of(problem, best.fit, structure, settings)
     named = [h for h in hypotheses if not (h.placed.place in best.places or is_of_a_sensor(h.placed))]
-    bank = make_bank(problem, best.fit, [*named, *curves], settings.n_jobs)
+    explained = beside(problem, best.fit, forms, settings.n_jobs)
+    bank = make_bank(problem, explained, [*named, *curves], settings.n_jobs)
     is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
     gain = gains(bank).gain
     detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
     curve_gain, at = 0.0, None
     for h in set(bank.owner[is_curve]):
-        columns = np.flatnonzero(bank.owner == h)
+        columns = np.flatnonzero((bank.owner == h) & bank.useful)
         G, b = bank.gram[np.ix_(columns, columns)], bank.plain[columns]
         taken = float(b @ np.linalg.pinv(G, rcond=1e-9, hermitian=True) @ b)
         if taken > curve_gain:
@@ -66,13 +77,19 @@ def leftover_of(problem: Problem, best: Candidate, structure: Structure, setting
 
 
 def only_stand_in(
-    refitted: Fit, best: Candidate, unnamed: Candidate | None, leftover: Leftover, alpha: float
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    unnamed: Candidate | None,
+    leftover: Leftover,
+    structure: Structure,
+    settings: Settings,
 ) -> bool:
     """Tell whether effects that act together were bent to a law that is none of them.
 
     One that has no name is then likelier, and simpler or visibly better, or they visibly leave something
-    where they act. What is left for one more name may be physics too, unless all are of one kind (sines, of
-    which a series makes anything).
+    where they act that is no matter of their own forms. What is left for one more name may be physics too,
+    unless all are of one kind (sines, of which a series makes anything).
     """
     if len(best.effects) < 2:
         return False
@@ -82,9 +99,15 @@ def only_stand_in(
         if is_simpler or better > REFINES * (refitted.cost - unnamed.fit.cost):
             return True
     is_series = len({effect.effect.code for effect in best.effects}) == 1
-    return leftover._replace(of_form=leftover.of_form or is_series).refutes(
-        refitted.cost - best.fit.cost, BENT, alpha
-    )
+
+    def refuted_by(left: Leftover) -> bool:
+        shows = left._replace(of_form=left.of_form or is_series)
+        return shows.refutes(refitted.cost - best.fit.cost, BENT, settings.alpha)
+
+    if not refuted_by(leftover):
+        return False
+    forms = own_forms(problem, best, structure, settings.n_jobs)
+    return not forms or refuted_by(leftover_of(problem, best, structure, settings, forms))
 
 
 def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:
@@ -98,18 +121,27 @@ def left_that_is_no_noise(
 ) -> tuple[Sign, ...]:
     """Return what named effects leave of what noise does not do, where that is much beside them.
 
-    One name may be idealised. Where it takes two and that is not all, they stand in for something else. Noise
-    may be louder at times; bursts count that hold more than all the names explain.
+    One name may be idealised. Where it takes two and that is not all, nor a matter of their own forms, they
+    stand in for something else. Noise may be louder at times; bursts count that hold more than all the names
+    explain.
     """
-    remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state)
     taken_off = refitted.cost - best.fit.cost
     tolerated = {"bursts": OUTDONE}
     otherwise = BENT if len(best.effects) > 1 else UNEXPLAINED
-    return tuple(
-        sign
-        for sign in remainder.speaking(SHARE * settings.alpha)
-        if sign.gain > tolerated.get(sign.kind, otherwise) * (taken_off + sign.gain)
-    )
+
+    def much_left(forms: Sequence[Hypothesis] = ()) -> tuple[Sign, ...]:
+        remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state, forms)
+        return tuple(
+            sign
+            for sign in remainder.speaking(SHARE * settings.alpha)
+            if sign.gain > tolerated.get(sign.kind, otherwise) * (taken_off + sign.gain)
+        )
+
+    signs = much_left()
+    if not signs or len(best.effects) < 2:
+        return signs
+    forms = own_forms(problem, best, structure, settings.n_jobs)
+    return much_left(forms) if forms else signs
 
 
 def may_be_drift(best: Candidate, alternatives) -> bool:

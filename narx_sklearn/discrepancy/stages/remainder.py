@@ -1,5 +1,6 @@
 """Is what is left over noise? What follows the motion, comes in bursts or pulsates is none, of any colour."""
 
+from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.locate import Tangent, ports_of, tangent
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.records.steps import measured_steps
-from narx_sklearn.discrepancy.search.bank import INVISIBLE, directions, out_of
+from narx_sklearn.discrepancy.search.bank import INVISIBLE, beside, directions, out_of
 from narx_sklearn.discrepancy.search.detect import (
     DRAWS,
     SLOW,
@@ -23,6 +24,7 @@ from narx_sklearn.discrepancy.search.detect import (
     flipped_maxima,
     strongest_line,
 )
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.followed import BEFORE, SHAPES, followed, followed_together, response
@@ -84,13 +86,20 @@ class Remainder(NamedTuple):
         return tuple(sign for sign in self.signs if len(self.signs) * sign.p_value <= level)
 
 
-def look_at_remainder(problem: Problem, model: Model, structure: Structure, random_state=None) -> Remainder:
+def look_at_remainder(
+    problem: Problem,
+    model: Model,
+    structure: Structure,
+    random_state=None,
+    forms: Sequence[Hypothesis] = (),
+) -> Remainder:
     """Test whether what a model leaves over can be noise of any stationary colour.
 
     Noise of whatever colour, made white, (A) follows no function of the motion acting at any port, (B) is as
     large wherever the machine is, (C) comes in no bursts, (D) holds no line, (E) is no wave times a signal
     acting at any port, and (F) comes to every output on its own. The colour is first fitted to the residual
-    itself, so that all that a colour can explain, it explains.
+    itself, so that all that a colour can explain, it explains. So is what other ``forms`` of the model's
+    laws would do.
     """
     for _ in range(ROUNDS):
         problem = problem.with_noise(estimate_noise(problem.left_over(model), problem.seen))
@@ -99,6 +108,7 @@ def look_at_remainder(problem: Problem, model: Model, structure: Structure, rand
     if not (np.isfinite(found.cost) and found.cost > 0):
         return Remainder(())
     rng = np.random.default_rng(random_state)
+    found = beside(problem, found, forms)
     slow = found.projector(np.stack([problem.whiten(drift) for drift in drifts_of(problem)], axis=2))
     found = found._replace(jacobian=np.concatenate([found.jacobian, slow], axis=2))
     e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]

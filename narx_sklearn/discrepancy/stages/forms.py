@@ -1,0 +1,57 @@
+"""What a name leaves because its form is idealised: what a curve along its own argument would take."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.bank import effect_column, make_bank, out_of
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.explain import without
+from narx_sklearn.discrepancy.search.generic import CURVE
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.naming import FORM
+from narx_sklearn.discrepancy.stages.unnamed import curves_along
+
+IS_A_CURVE = 0.5  # share of what an effect does that a curve would do too, above which it is one
+
+
+def own_forms(
+    problem: Problem, best: Candidate, structure: Structure, n_jobs: int | None = None
+) -> list[Hypothesis]:
+    """Return the curves that give names of a set another form, each little beside what its name explains.
+
+    Only where a name is alone on what it depends on: two on one signal make up a law together, of which
+    neither need be true.
+    """
+    curves = [c for c in curves_along(problem, best.fit, structure) if c.placed.effect.code == CURVE]
+    found = []
+    for effect in best.effects:
+        if sum(_along(effect, other) for other in best.effects) > 1:
+            continue
+        for curve in curves:
+            if _along(effect, curve.placed) and _is_form(problem, best, effect, curve, n_jobs):
+                found.append(curve)
+    return found
+
+
+def _along(one: PlacedEffect, other: PlacedEffect) -> bool:
+    """Tell whether two effects act at one place and depend on one signal."""
+    return one.port == other.port and (one.port.kind != "state" or one.weights == other.weights)
+
+
+def _is_form(
+    problem: Problem, best: Candidate, effect: PlacedEffect, curve: Hypothesis, n_jobs: int | None
+) -> bool:
+    """Tell whether a curve would do most of what an effect does, and takes little of what that leaves."""
+    others = without(problem, best, [effect]).fit
+    bank = make_bank(problem, others, [curve], n_jobs)
+    own = others.projector(effect_column(problem, others, problem.run(others.model), effect))
+    own = out_of(others.jacobian, own[:, :, None])
+    left = np.sum(out_of(bank.columns, own) ** 2)
+    if not left < (1.0 - IS_A_CURVE) * np.sum(own**2):
+        return False
+    beside = make_bank(problem, best.fit, [curve], n_jobs)
+    residual = beside.residual[:, :, None]
+    taken = np.sum(residual**2) - np.sum(out_of(beside.columns, residual) ** 2)
+    return bool(taken <= FORM * (others.cost - best.fit.cost + taken))
