@@ -1,10 +1,12 @@
-"""What a correction does to held-out samples."""
+"""What a correction does to held-out samples, and how errors there are counted."""
 
 import numpy as np
 import pytest
+from small_machines import make_axis
 
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.simulators.simulator import Windows
-from narx_sklearn.discrepancy.verify import BLOCKS, HeldOut
+from narx_sklearn.discrepancy.verify import BLOCKS, Errors, HeldOut, score_table, squared_errors
 
 N = 800
 
@@ -50,3 +52,69 @@ class TestIsBelied:
         """It is another matter that such a run does harm."""
         e = np.ones(N)
         assert not held_out(e, np.full(N, np.inf)).is_belied(1.0)
+
+
+class TestScores:
+    """Held-out outputs may have gaps: what was not measured counts as nothing."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def record(cls):
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.normal(0, 2, 90), 10)[:, None]
+        return u, make_axis().simulate(u) + 0.02 * rng.normal(size=(900, 1))
+
+    @pytest.mark.parametrize(
+        "gap", [slice(724, 728), slice(840, 852)]
+    )  # where the initial state is fitted, after
+    def test_a_short_gap_changes_next_to_nothing(self, record, gap):
+        u, y = record
+        gapped = y.copy()
+        gapped[gap] = np.nan
+        whole, other = (
+            DiscrepancyRegressor(make_axis(), effects=["cubic_stiffness"]).fit(u, v) for v in (y, gapped)
+        )
+        assert np.isfinite(other.scores_.to_numpy()).all()
+        np.testing.assert_allclose(other.scores_["rmse"], whole.scores_["rmse"], rtol=0.3)
+        assert "inf %" not in other.report_
+
+    def test_a_gap_as_long_as_what_fixes_the_initial_state_is_no_trouble(self, record):
+        u, y = record
+        y = y.copy()
+        y[720:740] = np.nan
+        errors = squared_errors(
+            {"one": make_axis()}, u, y, [(slice(720, 840), 0)], 20, {"one": np.zeros(2)}, {}
+        )
+        assert errors["one"].counts.sum() == 100
+        assert np.isfinite(errors["one"].squares).all()
+
+    def test_every_sample_counts_for_as_much(self):
+        """Blocks of 1, 3 and no samples: (4 + 3 * 1) / 4, not the mean of block means."""
+        squares, counts = np.array([[4.0], [3.0], [0.0]]), np.array([[1], [3], [0]])
+        table = score_table({"one": Errors(squares, counts)}, np.array([1.0]), 0.9, 0)
+        assert table["rmse"]["one"] == pytest.approx(np.sqrt(7 / 4))
+        assert 1.0 <= table["nrmse_low"]["one"] <= table["nrmse_high"]["one"] <= 2.0
+
+    def test_an_output_that_was_not_measured_has_no_part_in_it(self):
+        seen = np.ones((20, 1), dtype=int)
+        squares = np.random.default_rng(0).chisquare(1, (20, 1))
+        alone = score_table({"one": Errors(squares, seen)}, np.array([2.0]), 0.9, 0)
+        both = Errors(np.hstack([squares, 0 * squares]), np.hstack([seen, 0 * seen]))
+        beside = score_table({"one": both}, np.array([2.0, np.nan]), 0.9, 0)
+        for column in ("nrmse", "nrmse_low", "nrmse_high"):
+            assert beside[column]["one"] == pytest.approx(alone[column]["one"])
+        assert np.isnan(beside["rmse_1"]["one"])
+
+    def test_nothing_measured_is_no_score(self):
+        nothing = Errors(np.zeros((3, 1)), np.zeros((3, 1), dtype=int))
+        assert score_table({"one": nothing}, np.array([np.nan]), 0.9, 0).empty
+
+    def test_a_run_that_is_lost_has_an_infinite_error(self):
+        counts = np.ones((20, 1), dtype=int)
+        errors = {
+            "refitted": Errors(np.ones((20, 1)), counts),
+            "augmented": Errors(np.full((20, 1), np.inf), counts),
+        }
+        table = score_table(errors, np.array([1.0]), 0.9, 0)
+        assert table["nrmse"]["augmented"] == table["nrmse_high"]["augmented"] == np.inf
+        assert table["removed"].tolist() == [0.0, -np.inf]

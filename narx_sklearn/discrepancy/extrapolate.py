@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen
-from narx_sklearn.discrepancy.verify import score_table
+from narx_sklearn.discrepancy.verify import Errors, score_table
 
 FURTHER = 1.25  # times the reach of all quiet windows, that a louder one has
 FEWEST = 2  # windows on either side
@@ -134,12 +134,10 @@ def _only(problem: Problem, windows: np.ndarray) -> Problem:
     return Problem(problem.simulator, problem.u, y, own, problem.noise)
 
 
-def _errors(problem: Problem, model: Model) -> np.ndarray:
-    """Return a model's mean squared errors by window, (n_windows, n_outputs), its initial states fitted."""
+def _errors(problem: Problem, model: Model) -> Errors:
+    """Return a model's squared errors by window, its initial states fitted."""
     left = problem.left_over(fit_states(problem, model).model)
-    counts = problem.seen.sum(axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.sum(left**2, axis=1)
-    some = counts.all(axis=1)
-    errors = squares[some] / counts[some]
-    return np.where(np.isfinite(errors), errors, np.inf)
+    counts = problem.seen.sum(axis=1)
+    return Errors(np.where(counts == 0, 0.0, np.where(np.isfinite(squares), squares, np.inf)), counts)

@@ -37,9 +37,11 @@ class Noise(NamedTuple):
     def as_large_as(cls, signals: np.ndarray) -> "Noise":
         """Return white noise as large as signals (n_samples, n_outputs) spread, 1 where one is constant.
 
-        Under it each output counts for as much, in whatever unit; NaN is skipped.
+        Under it each output counts for as much, in whatever unit; NaN is skipped, and of what was not
+        measured at all the noise is 1.
         """
-        spread = np.nanstd(signals, axis=0)
+        known = (signal[np.isfinite(signal)] for signal in signals.T)
+        spread = np.array([np.std(values) if values.size else 0.0 for values in known])
         return cls.white(np.where(spread > 0, spread, 1.0))
 
     @property

@@ -143,27 +143,44 @@ def within_reach(pieces: list[tuple[slice, int]], n_init: int, reach: float) -> 
     return [(slice(a, b), k) for a, b, k in zip(windows.first, windows.last, windows.began, strict=True)]
 
 
+class Errors(NamedTuple):
+    """Squared errors by block and output; what was not measured counts as nothing."""
+
+    squares: np.ndarray  # (n_blocks, n_outputs), sums; infinite where a run leaves the finite range
+    counts: np.ndarray  # (n_blocks, n_outputs), measured samples
+
+    def mean_squares(self, draws: np.ndarray | None = None) -> np.ndarray:
+        """Return the mean square of each output, (n_outputs,), NaN where nothing of it was measured.
+
+        Of each draw of blocks, (n_draws, n_outputs), where such are given.
+        """
+        chosen = slice(None) if draws is None else draws
+        with np.errstate(invalid="ignore"):
+            return self.squares[chosen].sum(axis=-2) / self.counts[chosen].sum(axis=-2)
+
+
 def squared_errors(
     simulators: dict, u, y, pieces, n_init: int, guesses: dict, leads: dict[str, Lead]
-) -> dict[str, np.ndarray]:
-    """Return each simulator's mean squared held-out errors by block, (n_blocks, n_outputs).
+) -> dict[str, Errors]:
+    """Return each simulator's squared held-out errors by block.
 
     Parameters
     ----------
     pieces : list of (slice, int)
         Stretches without gaps, each with the first sample of its session.
     """
+    n_blocks = max(1, BLOCKS // len(pieces))
     found = {}
     for name, simulator in simulators.items():
-        blocks = []
+        squares, counts = [], []
         for piece, began in pieces:
             run = free_run(simulator, u, y, piece, began, n_init, guesses[name], leads.get(name))
-            error = (y[piece] - run.y)[n_init:] ** 2
-            error[np.isnan(run.y[n_init:])] = np.inf
-            error[np.isnan(y[piece][n_init:])] = np.nan
-            blocks += np.array_split(error, max(1, BLOCKS // len(pieces)))
-        with np.errstate(invalid="ignore"):
-            found[name] = np.array([np.nanmean(block, axis=0) for block in blocks if len(block)])
+            seen = np.isfinite(y[piece][n_init:])
+            error = np.where(seen, (y[piece] - run.y)[n_init:] ** 2, 0.0)
+            error[seen & np.isnan(run.y[n_init:])] = np.inf
+            squares += [block.sum(axis=0) for block in np.array_split(error, n_blocks)]
+            counts += [block.sum(axis=0) for block in np.array_split(seen, n_blocks)]
+        found[name] = Errors(np.array(squares), np.array(counts))
     return found
 
 
@@ -280,34 +297,47 @@ def _initial_states_fitted(
     return found.model.x0[~leads], left if np.isfinite(found.cost) else np.full_like(left, np.inf)
 
 
-def score_table(
-    errors: dict[str, np.ndarray], spread: np.ndarray, level: float, random_state
-) -> pd.DataFrame:
+def score_table(errors: dict[str, Errors], spread: np.ndarray, level: float, random_state) -> pd.DataFrame:
     """Return root mean squared errors with intervals, fit in percent, and the share of the error removed.
 
-    Intervals come from a bootstrap of blocks; the share is of the refitted simulation's mean square.
+    Intervals come from a bootstrap of blocks; the share is of the refitted simulation's mean square. An
+    output of which nothing was measured has no part in it; where nothing was measured at all, the table is
+    empty.
+
+    Parameters
+    ----------
+    errors : dict of {str: Errors}
+        Of the same samples, by the names of the simulators.
+    spread : ndarray of shape (n_outputs,)
+        By which the errors of each output are divided.
+    level : float
+        Confidence level of the intervals.
     """
-    rng = np.random.default_rng(random_state)
-    some = next(iter(errors.values()))
-    draws = rng.integers(0, len(some), size=(DRAWS, len(some)))
-    scale = np.where(spread > 0, spread, 1.0)
+    counts = next(iter(errors.values())).counts
+    seen = counts.sum(axis=0) > 0
+    if not seen.any():
+        return pd.DataFrame()
+    told = np.flatnonzero(counts.any(axis=1))  # blocks
+    draws = told[np.random.default_rng(random_state).integers(0, told.size, size=(DRAWS, told.size))]
+    draws = draws[counts[draws][..., seen].sum(axis=1).all(axis=1)]  # that tell of every output
+    variance = np.where(spread > 0, spread, 1.0)[seen] ** 2
     tail = (1 - level) / 2
+    means = {name: float((e.mean_squares()[seen] / variance).mean()) for name, e in errors.items()}
+    drawn = {name: (e.mean_squares(draws)[:, seen] / variance).mean(axis=1) for name, e in errors.items()}
     rows = []
-    means = {name: (e / scale**2).mean(axis=1) for name, e in errors.items()}
-    reference = means.get("refitted")
     for name, e in errors.items():
-        with np.errstate(invalid="ignore"):
-            value = float(np.sqrt(np.nanmean(means[name])))
-            boot = np.sqrt(means[name][draws].mean(axis=1))
-            low, high = np.quantile(boot, [tail, 1 - tail]) if np.all(np.isfinite(boot)) else (value, np.inf)
+        value = float(np.sqrt(means[name]))
+        low, high = value, np.inf
+        if np.all(np.isfinite(drawn[name])):
+            low, high = np.quantile(np.sqrt(drawn[name]), [tail, 1 - tail])
         row = {"run": name, "nrmse": value, "nrmse_low": float(low), "nrmse_high": float(high)}
         row["fit_percent"] = 100 * (1 - value)
-        for i in range(e.shape[1]):
-            row[f"rmse_{i}" if e.shape[1] > 1 else "rmse"] = float(np.sqrt(np.mean(e[:, i])))
-        if reference is not None:
+        rmse = np.sqrt(e.mean_squares())
+        row |= {f"rmse_{i}" if rmse.size > 1 else "rmse": float(one) for i, one in enumerate(rmse)}
+        if "refitted" in errors:
             with np.errstate(invalid="ignore", divide="ignore"):
-                removed = 1 - means[name][draws].mean(axis=1) / reference[draws].mean(axis=1)
-                row["removed"] = float(1 - means[name].mean() / reference.mean())
+                row["removed"] = float(1 - np.divide(means[name], means["refitted"]))
+                removed = 1 - drawn[name] / drawn["refitted"]
             good = removed[np.isfinite(removed)]
             row["removed_low"], row["removed_high"] = (
                 (float(v) for v in np.quantile(good, [tail, 1 - tail])) if good.size else (np.nan, np.nan)
