@@ -298,6 +298,24 @@ class TestFollowed:
         assert np.corrcoef(late[16:], u[:-16])[0, 1] == pytest.approx(1.0)
         assert np.all(late[:16] == 0)
 
+    def test_neither_rates_nor_the_past_reach_across_sessions_and_gaps(self):
+        """Ramps of one slope: nothing moves faster where one session follows another."""
+        u = 0.01 * np.concatenate([np.arange(300), np.arange(300)])
+        u += 0.001 * np.random.default_rng(0).normal(size=600)
+        u[500:520] = np.nan
+        pieces = [(slice(0, 300), 0), (slice(300, 500), 300), (slice(520, 600), 300)]
+        windows = cut(pieces, 100, 12)
+        problem = Problem(simulator(), u[:, None], np.zeros((600, 1)), windows, Noise.white(np.ones(1)))
+        run = problem.run(Model(simulator().nominal, (), np.zeros((windows.count, 2))))
+        structure = find_structure(simulator(), run.x[:300], u[:300, None])
+        found = {f.words: f.values for f in followed(problem, run, structure, 1)}
+        late, rate = found["drive [V] 16 samples before"], found["the rate of drive [V]"]
+        assert np.all(late[300:316] == 0)  # the mean: nothing is known of it
+        assert np.all(late[316:516] != 0)
+        assert np.all(rate[[0, 300, *range(500, 521)]] == 0)
+        together = {f.words: f.values for f in followed_together(problem, run, past=1)}
+        assert together["drive [V] times position [m] 1 sample before"][300] == 0
+
     @pytest.mark.parametrize("port", [Port("state", 1), Port("input", 0), Port("output", 0)])
     def test_responses_are_those_of_the_simulator_with_a_small_force(self, port):
         rng = np.random.default_rng(1)

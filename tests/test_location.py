@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
-from narx_sklearn.discrepancy.location import _slope
+from narx_sklearn.discrepancy.location import _features, _slope
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -240,3 +240,14 @@ def test_a_signal_called_after_a_rate_is_a_signal():
     names = ["rudder [rad]", "rate of turn [rad/s]", "|rudder [rad]|", "|rate of turn [rad/s]|"]
     assert plain(table).columns.tolist() == names
     assert plain(pd.DataFrame({"a": turning})).columns.tolist() == ["a"]
+
+
+def test_what_a_machine_does_is_told_of_each_session_by_itself():
+    """Two sessions of one ramp, held-out ends between them: no jump where the second begins."""
+    x, u = (np.concatenate([np.arange(100.0), np.arange(50.0)])[:, None] * k for k in (0.02, 0.1))
+    windows = cut([(slice(10, 80), 0), (slice(100, 150), 100)], 25, 8)
+    table = _features(make(stage), u, np.hstack([x, x]), windows, slice(10, 150))
+    np.testing.assert_allclose(table["rate of position [m/s]"], 0.02 / 0.02)
+    since = table["time since reversal of drive [s]"].to_numpy()
+    assert since[[89, 90, 91]] == pytest.approx([89 * 0.02, 0.0, 0.02])
+    assert (table["direction of drive"].iloc[[1, 89, 91]] == 1).all()

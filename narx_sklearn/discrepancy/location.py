@@ -113,7 +113,7 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
         signal = concentrated_force(
             best, tangent(simulator, run._replace(x=corrected), problem.u, windows, p)
         )
-        places = _features(simulator, problem.u[inside], corrected[inside])
+        places = _features(simulator, problem.u, corrected, windows, inside)
         rules = regions(signal[inside], places, random_state=random_state).assign(effect="")
     spectrum = bands(residual[inside, 0], problem.y[inside, 0], simulator.dt)
     samples = np.arange(inside.start, inside.stop)
@@ -166,8 +166,15 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
     return location._replace(invariances=table, against=(*called, push))
 
 
-def _features(simulator: Simulator, u: np.ndarray, x: np.ndarray) -> pd.DataFrame:
-    return features(u, x, simulator.dt, inputs=simulator.inputs, states=simulator.states)
+def _features(
+    simulator: Simulator, u: np.ndarray, x: np.ndarray, windows: Windows, inside: slice
+) -> pd.DataFrame:
+    """Return what the machine is doing along a part of a record, each session by itself."""
+    first = np.unique(np.maximum(windows.began - inside.start, 0))
+    first = first[first < inside.stop - inside.start]
+    return features(
+        u[inside], x[inside], simulator.dt, inputs=simulator.inputs, states=simulator.states, first=first
+    )
 
 
 def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
@@ -187,7 +194,8 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
             added = _slope(argument, added)
             floor = NOTICEABLE * np.max(added**2)
         inside = slice(int(at[0]), int(at[-1]) + 1)
-        table = _features(problem.simulator, problem.u[inside], run.x[inside]).iloc[at - inside.start]
+        table = _features(problem.simulator, problem.u, run.x, problem.windows, inside)
+        table = table.iloc[at - inside.start]
         rules = _stated(diagnosis, index, added, table)
         if rules is None or rules.empty:
             rules = regions(added, table, floor=floor, noise_free=True)

@@ -42,18 +42,19 @@ def followed(
         of that sample, so what is compared with this sample's noise must look at inputs before it.
     """
     found: list[Followed] = []
+    age = _age(problem)
     n_inputs = len(problem.simulator.inputs)
     rated = {n_inputs + i for i in structure.partner if i >= 0}  # their rates are states too
     for place, name, values, (low, high), late in _signals(problem, run, past):
         turns = np.pi * (np.clip(values, low, high) - low) / (high - low)
         for m in range(1, n_shapes + 1):
-            found += _lagged(name, np.cos(m * turns), shapes_before, late)
-        found += _lagged(name, values, BEFORE[1:], late)
+            found += _lagged(name, np.cos(m * turns), shapes_before, late, age)
+        found += _lagged(name, values, BEFORE[1:], late, age)
         if place not in rated:
-            change = np.diff(values, prepend=values[:1])
-            found += _lagged(f"the rate of {name}", change, BEFORE, late)
-            found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late)
-            found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late)
+            change = np.where(age > 0, np.diff(values, prepend=np.nan), np.nan)
+            found += _lagged(f"the rate of {name}", change, BEFORE, late, age)
+            found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late, age)
+            found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late, age)
     return found
 
 
@@ -68,6 +69,7 @@ def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Foll
         As in :func:`followed`.
     """
     found: list[Followed] = []
+    age = _age(problem)
     for one, other in combinations(_signals(problem, run, past), 2):
         late = max(one.late, other.late)
         a, b = (np.clip(s.values, *s.range) - np.mean(s.range) for s in (one, other))
@@ -76,14 +78,15 @@ def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Foll
             (" squared", "", a * a * b),
             ("", " squared", a * b * b),
         ):
-            found += _lagged(f"{one.name}{squared} times {other.name}{also}", values, BEFORE[:1], late)
+            words = f"{one.name}{squared} times {other.name}{also}"
+            found += _lagged(words, values, BEFORE[:1], late, age)
     return found
 
 
 class _Signal(NamedTuple):
     place: int  # inputs first, then states
     name: str
-    values: np.ndarray  # (n_samples,), finite
+    values: np.ndarray  # (n_samples,), NaN in gaps and outside windows
     range: tuple[float, float]
     late: int
 
@@ -96,15 +99,26 @@ def _signals(problem: Problem, run: Run, past: int) -> Iterator[_Signal]:
         seen = values[problem.rows[problem.inside]]
         low, high = np.nanquantile(seen, [ENDS, 1 - ENDS])
         if high > low:
-            yield _Signal(i, name, np.where(np.isfinite(values), values, np.nanmean(seen)), (low, high), late)
+            yield _Signal(i, name, np.where(np.isfinite(values), values, np.nan), (low, high), late)
 
 
-def _lagged(words: str, values: np.ndarray, before, late: int) -> Iterator[Followed]:
-    centred = values - values.mean()
-    size = centred.std()
+def _age(problem: Problem) -> np.ndarray:
+    """Return how many samples of its session lie before each sample."""
+    index = np.arange(len(problem.u))
+    began = np.zeros_like(index)
+    began[problem.windows.began] = problem.windows.began
+    return index - np.maximum.accumulate(began)
+
+
+def _lagged(words: str, values: np.ndarray, before, late: int, age: np.ndarray) -> Iterator[Followed]:
+    """Yield values as they were some samples before; what is not known of the session is the mean, zero."""
+    if not np.isfinite(values).any():
+        return
+    centred = values - np.nanmean(values)
+    size = np.nanstd(centred)
+    centred = np.nan_to_num(centred)
     for lag in sorted({max(lag, late) for lag in before if lag < centred.size}):
-        shifted = np.zeros_like(centred)
-        shifted[lag:] = centred[: centred.size - lag]
+        shifted = np.where(age >= lag, np.roll(centred, lag), 0.0)
         ago = f" {lag} sample{'s' * (lag > 1)} before" * (lag > 0)
         yield Followed(words + ago, shifted / size if size > 0 else shifted)
 
