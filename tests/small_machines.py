@@ -122,3 +122,30 @@ def fitted(noise, *, outputs=(0,), n_windows=3, seed=0, pieces=None, unseen=()):
     problem = Problem(make_axis(output=outputs), u, y, windows, Noise.white(np.std(noise, axis=0)))
     found = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
     return problem, fit(problem, found.model, tolerance=1e-12)
+
+
+def growing(x, u, p):
+    return (p[0] * x[0] + p[1] * u[0],)
+
+
+def make_growing(rate=1.8, gain=1.05):
+    return ODESimulator(
+        growing,
+        dt=0.02,
+        parameters={"rate [1/s]": rate, "gain [1/s]": gain},
+        states=["level [m]"],
+        inputs=["drive [m]"],
+    )
+
+
+def held_growing(n=1500, seed=0):
+    """Return drive and level of an unstable machine that a loop holds."""
+    rng = np.random.default_rng(seed)
+    wanted = np.repeat(rng.normal(size=n // 30), 30)
+    u, y, level = np.empty((n, 1)), np.empty((n, 1)), 0.0
+    for k in range(n):
+        y[k] = level + 0.01 * rng.normal()
+        u[k] = -8.0 * (y[k] - wanted[k])
+        for _ in range(20):
+            level += 0.001 * (2.0 * level + u[k, 0])
+    return u, y

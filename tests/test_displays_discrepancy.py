@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from small_machines import held_growing, make_growing
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.experiment import confusability
@@ -124,6 +125,14 @@ def test_before_and_after_runs_the_three_simulations_from_their_own_states(plt, 
     display.figure_.canvas.draw()
 
 
+def test_runs_of_an_unstable_machine_begin_anew_before_they_are_lost(plt):
+    u, y = held_growing()
+    dx = DiscrepancyRegressor(make_growing(), effects=["quadratic_drag"]).fit(u, y)
+    display = BeforeAfterDisplay.from_estimator(dx, u, y)
+    assert display.nrmse_["refitted"] < 0.05
+    assert np.isfinite(display.runs["refitted"]).mean() > 0.6
+
+
 def test_errors_are_compared_where_every_run_is_known(plt):
     y = np.array([1.0, -1.0, 1.0, -1.0, 50.0])
     runs = {"one": np.zeros(5), "other": np.array([1.0, -1.0, 1.0, -1.0, np.nan])}
@@ -153,6 +162,8 @@ def test_what_cannot_be_drawn_is_said(plt, dx, nominal, record):
         EffectCurveDisplay.from_estimator(DiscrepancyRegressor(nominal))
     with pytest.raises(TypeError, match="holds no refitted simulation"):
         BeforeAfterDisplay.from_estimator(DiscrepancyRegressor(nominal), *record)
+    with pytest.raises(ValueError, match="no stretch without gaps of more than 24 samples: half of them"):
+        BeforeAfterDisplay.from_estimator(dx, *(signal[:20] for signal in record))
     with pytest.raises(ValueError, match=r"effect is 1, but the diagnosis \(explained\) added 1 effects"):
         EffectCurveDisplay.from_estimator(dx, effect=1)
     with pytest.raises(ValueError, match="output is 2, but there are 1 outputs"):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from small_machines import make_axis
+from small_machines import held_growing, make_axis, make_growing
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
@@ -207,6 +207,18 @@ def test_what_the_data_ask_of_an_output_is_what_the_sensor_took_off():
     assert clipped.sum() > 20
     off = 0.05  # ten times the noise
     np.testing.assert_allclose(needed[clipped], 0.3 - at[clipped], atol=off)
+
+
+def test_runs_of_an_unstable_machine_are_those_that_were_scored():
+    u, y = held_growing()
+    dx = DiscrepancyRegressor(make_growing(), effects=["quadratic_drag"]).fit(u, y)
+    material = gather(dx, u, y)
+    stretches = [(part.rows.start, part.stretch.scored.start, part.rows.stop) for part in material.held_out]
+    assert stretches == list(dx.held_out_.itertuples(index=False, name=None))
+    for run, rmse in dx.scores_["rmse"].items():
+        errors = [(y[part.rows] - part.y[run])[part.n_init :] for part in material.held_out]
+        assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) == pytest.approx(rmse, rel=1e-9)
+    assert f"They begin {len(stretches)} times" in render_report(dx, u, y)
 
 
 def test_another_record_is_refused(case):

@@ -32,6 +32,15 @@ def compared(dx) -> dict[str, Simulator]:
     }
 
 
+def guesses(dx) -> dict[str, np.ndarray]:
+    """Return the initial states from which those of held-out runs are fitted, by the names of the scores."""
+    return {
+        "nominal": dx._diagnosis.nominal.model.x0[dx._nearest],
+        "refitted": dx._diagnosis.refitted.model.x0[dx._nearest],
+        "augmented": dx._guess,
+    }
+
+
 class FreeRun(NamedTuple):
     """One stretch run freely from an initial state found on its first samples."""
 
@@ -141,6 +150,48 @@ def within_reach(pieces: list[tuple[slice, int]], n_init: int, reach: float) -> 
         return pieces
     windows = cut(pieces, n_init + max(int(reach) // 2, 1), n_init + 1)
     return [(slice(a, b), k) for a, b, k in zip(windows.first, windows.last, windows.began, strict=True)]
+
+
+class Stretch(NamedTuple):
+    """Part of a record that is run freely; its first samples fix the initial state and are not scored."""
+
+    rows: slice
+    began: int  # first sample of its session
+    n_init: int
+
+    @property
+    def scored(self) -> slice:
+        """The samples whose errors count."""
+        return slice(self.rows.start + self.n_init, self.rows.stop)
+
+
+def scored_stretches(
+    pieces: list[tuple[slice, int]], n_init: int, reach: float, n_states: int
+) -> list[Stretch]:
+    """Return the stretches over which simulations are run, scored and drawn.
+
+    Pieces of no more than twice the samples that fix an initial state are left out. Where all are that short,
+    fewer samples fix it: four for each state, and four more.
+
+    Parameters
+    ----------
+    pieces : list of (slice, int)
+        Stretches without gaps, each with the first sample of its session.
+    n_init : int
+        Samples that fix an initial state.
+    reach : float
+        As in :func:`within_reach`.
+
+    Returns
+    -------
+    list of Stretch
+        Empty where all pieces are too short.
+    """
+    for n in (n_init, 4 * (n_states + 1)):
+        long_enough = [(piece, began) for piece, began in pieces if piece.stop - piece.start > 2 * n]
+        if long_enough:
+            return [Stretch(rows, began, n) for rows, began in within_reach(long_enough, n, reach)]
+    return []
 
 
 class Errors(NamedTuple):

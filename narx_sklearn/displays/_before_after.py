@@ -5,7 +5,7 @@ import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
 from narx_sklearn.discrepancy.records.record import pieces_of, read_inputs, read_outputs
-from narx_sklearn.discrepancy.verify import compared, free_run
+from narx_sklearn.discrepancy.verify import compared, free_run, guesses, scored_stretches
 from narx_sklearn.displays._style import (
     BLUE,
     GREEN,
@@ -63,7 +63,8 @@ class BeforeAfterDisplay:
     def from_estimator(cls, estimator, X, y, *, sessions=None, output=0, ax=None):
         """Run the nominal, the refitted and the corrected simulation freely over a recording, and draw.
 
-        Each starts from the state that fits its first samples, half of a short session; they are not drawn.
+        Each starts from the state that fits its first samples; they are not drawn, nor are sessions too short
+        for that. Where the machine is unstable, runs begin anew before they lose it.
 
         Parameters
         ----------
@@ -92,7 +93,7 @@ class BeforeAfterDisplay:
         TypeError
             If the estimator is no fitted DiscrepancyRegressor.
         ValueError
-            If the recording does not fit the simulation, or there is no such output.
+            If the recording does not fit the simulation, is too short for a run, or there is no such output.
         """
         if not hasattr(estimator, "refitted_simulator_"):
             raise TypeError(
@@ -106,12 +107,18 @@ class BeforeAfterDisplay:
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")
         runs = {name: np.full(len(u), np.nan) for name in simulators}
-        for piece, began in pieces_of(u, sessions):
-            n_init = min(estimator._n_init, (piece.stop - piece.start) // 2)
-            scored = slice(piece.start + n_init, piece.stop)
+        reach, n_states = estimator._diagnosis.followed_for, len(estimator.simulator_.states)
+        stretches = scored_stretches(pieces_of(u, sessions), estimator._n_init, reach, n_states)
+        if not stretches:
+            raise ValueError(
+                f"The recording has no stretch without gaps of more than {8 * (n_states + 1)} samples: half "
+                "of them fix an initial state. Pass a longer one."
+            )
+        begin = guesses(estimator)
+        for stretch in stretches:
             for name, simulator in simulators.items():
-                run = free_run(simulator, u, measured, piece, began, n_init, estimator._guess).y
-                runs[name][scored] = run[n_init:, output]
+                run = free_run(simulator, u, measured, *stretch, begin[name]).y
+                runs[name][stretch.scored] = run[stretch.n_init :, output]
         simulator = estimator.simulator_
         display = cls(
             measured[:, output],

@@ -27,7 +27,7 @@ from narx_sklearn.report._figures import (
     state_plane,
     time_line,
 )
-from narx_sklearn.report._runs import WORDS, Material, gather, noise_left, whitened
+from narx_sklearn.report._runs import WORDS, Material, adjoining, gather, noise_left, whitened
 from narx_sklearn.report._words import (
     TableText,
     capital,
@@ -418,18 +418,23 @@ def _proof(dx, material: Material, outputs) -> dict | None:
     """Return the held-out comparison, None where nothing was held out."""
     if dx.scores_.empty or not material.held_out:
         return None
-    longest = max(material.held_out, key=lambda part: part.rows.stop - part.rows.start)
-    n = min(longest.rows.stop - longest.rows.start, SHOWN)
-    rows = slice(longest.rows.start, longest.rows.start + n)
     after = "corrected" if corrected(dx) else "parameters refitted"
     before = "parameters refitted" if corrected(dx) else "as it was"
     keys = ("refitted", "augmented") if corrected(dx) else ("nominal", "refitted")
+    longest = max(adjoining(material.held_out), key=lambda parts: parts[-1].rows.stop - parts[0].rows.start)
+    start, stop = longest[0].rows.start, longest[-1].rows.stop
+    rows = slice(start, min(stop, start + SHOWN))
+    shown = {run: np.concatenate([part.y[run] for part in longest])[: rows.stop - start] for run in keys}
     figures = []
     for column, label in enumerate(outputs):
         caption = (
             f"{label} on held-out data: recorded, {before}, {after}. Free runs; the fit saw nothing of it."
         )
-        runs = {word: longest.y[key][:n, column] for word, key in zip((before, after), keys, strict=True)}
+        if len(longest) > 1:
+            caption += (
+                f" They begin {len(longest)} times, as the machine is unstable and no long run follows it."
+            )
+        runs = {word: shown[key][:, column] for word, key in zip((before, after), keys, strict=True)}
         svg = before_and_after(material.time[rows], material.y[rows, column], runs, label, caption)
         figures.append(_figure(svg, caption))
     return {
@@ -449,7 +454,7 @@ def _residuals(dx, material: Material, outputs) -> list[dict]:
     """Return the residual tests of each output, on held-out data where there is enough of it."""
     rest = np.full_like(material.y, np.nan)
     for part in material.held_out:
-        inside = slice(part.rows.start + part.n_init, part.rows.stop)
+        inside = part.stretch.scored
         rest[inside] = material.y[inside] - part.y["augmented"][part.n_init :]
     where = "held-out data"
     if np.isfinite(rest).all(axis=1).sum() < FEWEST_RESIDUALS:

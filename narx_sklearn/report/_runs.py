@@ -1,5 +1,6 @@
 """The runs that a report shows: along the fitting windows, and freely over what was held out."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.records.record import read_record
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
-from narx_sklearn.discrepancy.verify import compared, free_run
+from narx_sklearn.discrepancy.verify import Stretch, compared, free_run, guesses, scored_stretches
 
 WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}
 
@@ -17,9 +18,18 @@ WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented":
 class HeldOut(NamedTuple):
     """One stretch that no decision has seen, run freely by each simulation."""
 
-    rows: slice
-    n_init: int  # samples to which the initial state was fitted, not counted as error
+    stretch: Stretch
     y: dict[str, np.ndarray]  # run -> (n, n_outputs)
+
+    @property
+    def rows(self) -> slice:
+        """Its samples."""
+        return self.stretch.rows
+
+    @property
+    def n_init(self) -> int:
+        """Samples to which the initial state was fitted, not counted as error."""
+        return self.stretch.n_init
 
 
 class Material(NamedTuple):
@@ -85,17 +95,32 @@ def gather(dx, X, y, sessions=None) -> Material:
 
 
 def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
+    """Return the runs that were scored."""
+    pieces, n_states = dx._split(u, sessions).held_out, len(dx._diagnosis.problem.simulator.states)
+    begin, leads = guesses(dx), {"augmented": dx._lead}
     found = []
-    for rows, began in dx._split(u, sessions).held_out:
-        n_init = min(dx._n_init, (rows.stop - rows.start) // 2)
-        if n_init < len(dx._diagnosis.problem.simulator.states) + 1:
-            continue
+    for stretch in scored_stretches(pieces, dx._n_init, dx._diagnosis.followed_for, n_states):
         runs = {
-            name: free_run(simulator, u, y, rows, began, n_init, dx._guess, dx._lead).y
+            name: free_run(simulator, u, y, *stretch, begin[name], leads.get(name)).y
             for name, simulator in compared(dx).items()
         }
-        found.append(HeldOut(rows, n_init, runs))
+        found.append(HeldOut(stretch, runs))
     return tuple(found)
+
+
+def adjoining(parts: Sequence[HeldOut]) -> list[list[HeldOut]]:
+    """Return held-out stretches with those that follow on them at once."""
+    groups: list[list[HeldOut]] = []
+    for part in parts:
+        if (
+            groups
+            and groups[-1][-1].rows.stop == part.rows.start
+            and part.stretch.began == groups[-1][0].stretch.began
+        ):
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    return groups
 
 
 def noise_left(dx, material: Material) -> Noise:
