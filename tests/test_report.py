@@ -221,6 +221,31 @@ def test_runs_of_an_unstable_machine_are_those_that_were_scored():
     assert f"They begin {len(stretches)} times" in render_report(dx, u, y)
 
 
+@pytest.mark.parametrize("driven", [False, True])
+def test_the_mismatch_of_a_single_state_is_drawn_over_the_input_or_over_time(driven):
+    def cooling(x, u, p):
+        return (-p[0] * x[0],)
+
+    def heated(x, u, p):
+        return (u[0] - p[0] * x[0],)
+
+    simulator = ODESimulator(
+        heated if driven else cooling,
+        dt=0.1,
+        parameters={"rate [1/s]": 0.1},
+        states=["excess [K]"],
+        inputs=["heater [K/s]"] if driven else [],
+        outputs=["reading [mV]"],
+        output=lambda x, u, p: (2.0 * x[0],),
+    )
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(400, int(driven)))
+    y = simulator.with_parameters(np.array([0.12])).simulate(u, [20.0]) + 0.05 * rng.normal(size=(400, 1))
+    dx = DiscrepancyRegressor(simulator, effects=["quadratic_drag"]).fit(u, y)
+    page = render_report(dx, u, y)
+    assert f"Where in {'heater [K/s]' if driven else 'time [s]'} and reading [mV] the mismatch is" in page
+
+
 def test_another_record_is_refused(case):
     with pytest.raises(ValueError, match=r"has 1000 samples, X has 900\. Pass the X"):
         render_report(case[0], case[1][:900], case[2][:900])

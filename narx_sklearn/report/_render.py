@@ -269,11 +269,10 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
     elif len(states) > 1:
         a, b, labels = x[rows, 0], x[rows, 1], states[:2]
     else:
-        a, b, labels = (
-            material.u[rows, 0],
-            material.y[rows, column],
-            [str(material.simulator.inputs[0]), states[0]],
-        )
+        inputs, output = material.simulator.inputs, str(material.simulator.outputs[column])
+        a, b, labels = material.time[rows], material.y[rows, column], ["time [s]", output]
+        if inputs:
+            a, labels = material.u[rows, 0], [str(inputs[0]), output]
     size = np.abs(material.residual[rows, column])
     size = size / max(size.max(), 1e-300)
     caption = (
