@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
-from narx_sklearn.discrepancy.location import _features, _slope
+from narx_sklearn.discrepancy.location import _features, _slope, _spectra
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -251,3 +251,26 @@ def test_what_a_machine_does_is_told_of_each_session_by_itself():
     since = table["time since reversal of drive [s]"].to_numpy()
     assert since[[89, 90, 91]] == pytest.approx([89 * 0.02, 0.0, 0.02])
     assert (table["direction of drive"].iloc[[1, 89, 91]] == 1).all()
+
+
+def test_frequencies_are_told_of_every_output():
+    rng, t = np.random.default_rng(0), 0.02 * np.arange(8000)
+    two = ODESimulator(
+        stage,
+        dt=0.02,
+        parameters={"gain": 1.1, "damping": 0.7, "stiffness": 11.0},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        output=(0, 1),
+    )
+    residual = 0.1 * rng.normal(size=(8000, 2)) + np.outer(0.1 * np.sin(2 * np.pi * 5 * t), [0, 1])
+    table = _spectra(two, residual, rng.normal(size=(8000, 2)))
+    assert set(table["output"]) == {"position [m]", "velocity [m/s]"}
+    loudest = table.loc[table["excess"].idxmax()]
+    assert loudest["output"] == "velocity [m/s]"
+    assert loudest["f_low"] < 5.0 < loudest["f_high"]
+    few = _spectra(two, residual[:20], residual[:20])
+    assert few.empty
+    assert "output" in few
+    half = np.where(np.arange(2) == 0, np.nan, residual)
+    assert set(_spectra(two, half, half)["output"]) == {"velocity [m/s]"}

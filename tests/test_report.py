@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned
+from narx_sklearn.report._render import _location_tables
 from narx_sklearn.report._runs import gather, whitened
 from narx_sklearn.report._words import finding_table, headline, number
 
@@ -244,6 +245,24 @@ def test_the_mismatch_of_a_single_state_is_drawn_over_the_input_or_over_time(dri
     dx = DiscrepancyRegressor(simulator, effects=["quadratic_drag"]).fit(u, y)
     page = render_report(dx, u, y)
     assert f"Where in {'heater [K/s]' if driven else 'time [s]'} and reading [mV] the mismatch is" in page
+
+
+def test_headings_of_where_say_what_the_numbers_are(case):
+    """A region holds a share of what an effect adds; the first of the places is as good as itself."""
+    dx, u, y = case
+    material = gather(dx, u, y)
+    event = {"start": 0, "stop": 9, "start_s": 0.0, "stop_s": 0.45, "share": 0.5, "time_share": 0.1}
+    location = dx.location_._replace(
+        segments=pd.DataFrame([event | {"p_value": 0.001, "event": "step of input 0"}])
+    )
+    headings = {table.caption: table.header for table in _location_tables(location, material)}
+    assert "share of what it adds" in headings["Regions of operation in which what was found acts most"]
+    assert "p that it is as good as the first" in headings["Where in the equations it enters, best first"]
+    assert "at its beginning" in headings["Stretches of time with more error than the rest"]
+    unknown = location._replace(regions=location.regions.assign(effect=""))
+    first = _location_tables(unknown, material)[0]
+    assert "share of the signal" in first.header
+    assert "the unknown signal at the likeliest place" in first.caption
 
 
 def test_another_record_is_refused(case):

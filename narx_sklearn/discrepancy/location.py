@@ -53,7 +53,7 @@ class Location(NamedTuple):
         Readable rules, each with its share of the energy and the time of what acts; ``effect`` says what
         that is: one that was named, or, empty, the unknown signal at the likeliest port.
     bands : DataFrame
-        Frequencies at which the residual stands above the noise.
+        Frequencies at which the residual stands above the noise, of each ``output``.
     force : DataFrame
         The unknown signal at the likeliest port: ``sample``, ``force`` in the port's unit, and the standard
         ``deviation`` of that estimate.
@@ -115,10 +115,10 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
         )
         places = _features(simulator, problem.u, corrected, windows, inside)
         rules = regions(signal[inside], places, random_state=random_state).assign(effect="")
-    spectrum = bands(residual[inside, 0], problem.y[inside, 0], simulator.dt)
+    spectra = _spectra(simulator, residual[inside], problem.y[inside])
     samples = np.arange(inside.start, inside.stop)
     force = pd.DataFrame({"sample": samples, "force": best.w[inside], "deviation": best.w_std[inside]})
-    return Location(table, _stretches(diagnosis), rules, spectrum, force)
+    return Location(table, _stretches(diagnosis), rules, spectra, force)
 
 
 def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
@@ -164,6 +164,14 @@ def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
     except ValueError:  # in short sessions too few samples have a past
         return location
     return location._replace(invariances=table, against=(*called, push))
+
+
+def _spectra(simulator: Simulator, residual: np.ndarray, y: np.ndarray) -> pd.DataFrame:
+    """Return the bands of every output, one below the other."""
+    tables = [bands(*signals, simulator.dt) for signals in zip(residual.T, y.T, strict=True)]
+    for table, signal in zip(tables, simulator.outputs, strict=True):
+        table.insert(0, "output", str(signal))
+    return pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
 
 
 def _features(

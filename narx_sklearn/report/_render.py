@@ -295,6 +295,10 @@ def _course_figure(dx, material: Material) -> dict:
 
 
 def _location_tables(location, material: Material) -> list[TableText]:
+    is_named = location.regions["effect"].ne("").any()
+    where = "Regions of operation in which what was found acts most"
+    if not is_named:
+        where = "Regions that hold more of the unknown signal at the likeliest place than of the time"
     segments = {
         "effect": "what",
         "start_s": "from [s]",
@@ -302,12 +306,12 @@ def _location_tables(location, material: Material) -> list[TableText]:
         "share": "share of the error",
         "time_share": "share of the time",
         "p_value": "p",
-        "event": "just before it",
+        "event": "at its beginning",
     }
     regions = {
         "effect": "what",
         "rule": "where",
-        "share": "share of the error",
+        "share": "share of what it adds" if is_named else "share of the signal",
         "time_share": "share of the time",
         "lift": "times the average",
         "p_value": "p",
@@ -318,10 +322,11 @@ def _location_tables(location, material: Material) -> list[TableText]:
         "unit": "unit",
         "share": "share of the error",
         "p_value": "p of nothing",
-        "p_best": "p of being the place",
+        "p_best": "p that it is as good as the first",
         "tied": "may be the place",
     }
     bands = {
+        "output": "output",
         "f_low": "from [Hz]",
         "f_high": "to [Hz]",
         "share": "share of the error",
@@ -332,9 +337,7 @@ def _location_tables(location, material: Material) -> list[TableText]:
     events = [_by_name(event, material.simulator.inputs) for event in location.segments["event"]]
     stretches = location.segments.assign(event=events)
     tables = [
-        to_table(
-            location.regions, "Regions of operation that hold more of the error than of the time", regions
-        ),
+        to_table(location.regions, where, regions),
         to_table(location.ports, "Where in the equations it enters, best first", ports),
         to_table(stretches, "Stretches of time with more error than the rest", segments),
         to_table(kept, "Frequencies above the noise", bands),

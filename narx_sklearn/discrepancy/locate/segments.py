@@ -36,7 +36,8 @@ def segments(residual: np.ndarray, dt: float, *, u=None, random_state=None) -> p
     dt : float
         Sampling period, s.
     u : ndarray of shape (n_samples, n_inputs), optional
-        Inputs; the last event of theirs just before each stretch is then named.
+        Inputs; their event nearest to the beginning of each stretch, at most a block away on either side (a
+        beginning is known no better), is then named.
     random_state : int or None, default=None
         Seed of the shuffles.
 
