@@ -26,12 +26,18 @@ STANDS_IN = 1.5  # times what names leave where they were fitted, that they leav
 def p_text(p: float, relation: str = "= ") -> str:
     """Return a p-value, two digits, after what stands before it in a sentence (nothing in a table).
 
+    One that is not known is a dash in a table, as any number.
+
     Examples
     --------
     >>> from narx_sklearn.discrepancy.results import p_text
     >>> p_text(2.704e-07), p_text(2.704e-07, ""), p_text(0.0, "")
     ('= 2.7e-07', '2.7e-07', '< 1e-12')
+    >>> p_text(float("nan")), p_text(float("nan"), "")
+    ('not known', '-')
     """
+    if np.isnan(p):
+        return "not known" if relation else "-"
     return f"{relation}{p:.2g}" if p >= LEAST else f"< {LEAST:.0e}"
 
 
