@@ -182,6 +182,19 @@ def test_a_rate_that_is_a_state_is_not_listed_twice():
     assert "rate of velocity [m/s^2]" in names
 
 
+def test_a_record_that_begins_at_rest_has_the_same_edges():
+    """Half a record of one value first: what moves later is no direction, and has something in between."""
+    rng = np.random.default_rng(0)
+    position = np.concatenate([np.zeros(4000), np.sin(np.arange(6000) / 40)])
+    table = pd.DataFrame({"position [m]": position})
+    signal = np.maximum(position - 0.3, 0.0) + 0.05 * rng.normal(size=10_000)
+    moving, whole = (
+        regions(signal[part], table[part], random_state=0) for part in (slice(4000, None), slice(None))
+    )
+    edges = [found.loc[0, "conditions"][0].low for found in (moving, whole)]
+    assert edges == pytest.approx([0.3, 0.3], abs=0.08)  # a 60th of the samples lies between two edges tried
+
+
 # --- frequencies ---
 
 

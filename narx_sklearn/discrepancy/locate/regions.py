@@ -24,6 +24,7 @@ N_WINDOWS = 60  # every second one makes the rules, the others judge them
 SHORTEST = 5  # samples of such a window
 N_SHUFFLES = 1999  # p-values are multiples of 1/2000
 LEVEL = 0.01  # false discovery rate at which one is kept
+LOOKED_AT = 1000  # samples at least, evenly spread, by which a direction is told from what moves
 N_EDGES = 60  # places tried for the beginning of a mismatch that grows
 ALIKE = 0.05  # share of a region's samples, by which one told by the size of a signal may differ
 FEWEST_DIGITS = 3  # of a bound
@@ -334,7 +335,9 @@ def _with_onsets(rule: tuple[Condition, ...], table: pd.DataFrame, size: np.ndar
     for i, condition in enumerate(rule):
         others = inside([c for c in moved if c is not moved[i]], table)
         values = table[condition.feature].to_numpy(dtype=float)
-        if np.unique(values[others][:1000]).size < N_EDGES:  # a direction, or levels: nothing in between
+        some = values[others]
+        some = some[:: max(1, some.size // LOOKED_AT)]
+        if np.unique(some).size < N_EDGES:  # a direction, or levels: nothing in between
             continue
         low, high = condition.low, condition.high
         if np.isfinite(low):
