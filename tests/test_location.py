@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
-from narx_sklearn.discrepancy.location import _features, _slope, _spectra
+from narx_sklearn.discrepancy.location import _features, _slope, _spectra, slopes_of_ends, widened
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -274,3 +274,22 @@ def test_frequencies_are_told_of_every_output():
     assert "output" in few
     half = np.where(np.arange(2) == 0, np.nan, residual)
     assert set(_spectra(two, half, half)["output"]) == {"velocity [m/s]"}
+
+
+def test_how_an_end_moves_is_asked_beside_the_parameters():
+    """An end of four times the square root of one parameter, less another, and no end above."""
+    slopes = slopes_of_ends(
+        lambda theta: ((4.0 * np.sqrt(theta[0]) - theta[1], np.inf),), np.array([4.0, 0.0])
+    )
+    np.testing.assert_allclose(slopes[:, 0, 0], [1.0, -1.0], rtol=1e-6)
+
+
+def test_what_is_held_at_either_limit_is_inside():
+    """A hard stop on both sides: fitted limits are a little off, and positions rest on them."""
+    at = np.array([-1.001, 0.0, 0.999])
+    spans = widened(np.array([[-np.inf, -1.002], [1.0, np.inf]]), [0.01, 0.01])
+    assert ((at[:, None] > spans[:, 0]) & (at[:, None] <= spans[:, 1])).any(axis=1).tolist() == [
+        True,
+        False,
+        True,
+    ]

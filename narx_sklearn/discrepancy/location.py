@@ -31,6 +31,7 @@ MOST_ACTING = 20_000  # samples at which it is asked what an effect adds
 MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
 LIKELY = 1.64  # standard errors, by which the ends of where an effect acts may be off
 NEAR = 1e-6  # of a signal's range, within which it has reached a limit
+STEP = 1e-6  # of a parameter, for how the ends of where an effect acts move with it
 NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
 NOTHING_TOLD = pd.DataFrame(columns=["value", "low", "high", "reading"], index=pd.Index([], name="property"))
@@ -228,7 +229,7 @@ def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataF
     theta = np.array(placed.theta[: len(placed.effect.parameters)])
     spans = np.array(acts_in(theta))
     ends = np.isfinite(spans)
-    slopes = np.array([np.array(acts_in(theta + step))[ends] - spans[ends] for step in np.eye(theta.size)])
+    slopes = slopes_of_ends(acts_in, theta)[:, ends]
     own = slice(own.start, own.start + theta.size)
     varied = covariance(diagnosis.problem, fit)[own, own]
 
@@ -237,8 +238,47 @@ def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataF
 
     is_centred = np.abs(spans[ends].mean()) <= error(slopes.mean(axis=1))
     if placed.effect.after:  # what is held at a limit lies on neither side of it
-        spans[ends] -= [max(error(slope), NEAR * np.ptp(table[feature])) for slope in slopes.T]
+        spans = widened(spans, [max(error(slope), NEAR * np.ptp(table[feature])) for slope in slopes.T])
     return stated_regions(added, table, feature, spans, is_centred=is_centred)
+
+
+def slopes_of_ends(acts_in, theta: np.ndarray) -> np.ndarray:
+    """Return how the ends of where an effect acts move with each parameter, (n_parameters, n_spans, 2).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.location import slopes_of_ends
+    >>> slopes = slopes_of_ends(lambda theta: ((theta[0] ** 2, np.inf),), np.array([3.0]))
+    >>> round(float(slopes[0, 0, 0]), 4)
+    6.0
+    """
+    steps = np.diag(STEP * np.where(theta != 0, np.abs(theta), 1.0))
+    with np.errstate(invalid="ignore"):  # of infinite ends
+        return np.array([np.subtract(acts_in(theta + step), acts_in(theta)) / step.sum() for step in steps])
+
+
+def widened(spans: np.ndarray, by) -> np.ndarray:
+    """Return ranges with each of their finite ends moved outwards.
+
+    Parameters
+    ----------
+    spans : ndarray of shape (n_spans, 2)
+        Lower and upper ends, infinite where there is none.
+    by : sequence of float
+        For each finite end, span by span.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.location import widened
+    >>> widened(np.array([[-np.inf, -1.0], [2.0, np.inf]]), [0.25, 0.5]).tolist()
+    [[-inf, -0.75], [1.5, inf]]
+    """
+    ends = np.isfinite(spans)
+    off = np.zeros_like(spans)
+    off[ends] = by
+    return spans + off * [-1.0, 1.0]
 
 
 def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:

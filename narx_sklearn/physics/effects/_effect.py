@@ -150,7 +150,7 @@ class Effect:
         that it is asked last.
     acts_in : callable, optional
         ``acts_in(theta) -> ((low, high), ...)``: between which values of its argument it acts, if it acts in
-        some range only.
+        some range only. Each end is a smooth function of the parameters, or infinite whatever they are.
     met_on : {"anything", "motion", "surfaces", "levels"}
         What it is met on: anything; what moves; surfaces that slide on each other, which no circuit has. At
         the state equation of something else it is odd there, and pays for that. An effect of levels is not
