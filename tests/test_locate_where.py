@@ -198,6 +198,12 @@ def test_a_record_that_begins_at_rest_has_the_same_edges():
 # --- frequencies ---
 
 
+def test_halves_of_the_stretches_of_a_spectrum_overlap():
+    """Of a 16th of 1040 samples, 65, an even number is taken; their middle is where the next begins."""
+    signal = np.random.default_rng(0).normal(size=1040)
+    assert bands(signal, signal, 1.0).loc[0, "f_low"] == pytest.approx(0.5 / 64)
+
+
 def test_power_of_a_sine_lies_in_its_band():
     rng, t = np.random.default_rng(0), np.arange(20_000) * 0.005
     sine = 0.2 * np.sin(2 * np.pi * 12.0 * t)

@@ -65,6 +65,7 @@ def bands(
     pieces = finite_slices([slice(0, residual.size)], known)
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     length = int(min(longest, max(64, residual.size // 16), 4096))
+    length -= length % 2  # halves overlap
     if length < 32:
         return pd.DataFrame(columns=columns)
     power, count = np.zeros((2, length // 2 + 1)), 0
