@@ -34,7 +34,7 @@ NEAR = 1e-6  # of a signal's range, within which it has reached a limit
 STEP = 1e-6  # of a parameter, for how the ends of where an effect acts move with it
 NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
-NOTHING_TOLD = pd.DataFrame(columns=["value", "low", "high", "reading"], index=pd.Index([], name="property"))
+TOLD = ["value", "low", "high", "reading"]  # of each property of an unknown signal
 LONGEST = 100_000  # samples looked at; the windows in the middle of a longer record stand for it
 
 
@@ -70,8 +70,8 @@ class Location(NamedTuple):
     regions: pd.DataFrame
     bands: pd.DataFrame
     force: pd.DataFrame
-    invariances: pd.DataFrame = NOTHING_TOLD
-    against: tuple[str, ...] = ()
+    invariances: pd.DataFrame
+    against: tuple[str, ...]
 
     @property
     def likeliest(self) -> Port:
@@ -119,7 +119,8 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
     spectra = _spectra(simulator, residual[inside], problem.y[inside])
     samples = np.arange(inside.start, inside.stop)
     force = pd.DataFrame({"sample": samples, "force": best.w[inside], "deviation": best.w_std[inside]})
-    return Location(table, _stretches(diagnosis), rules, spectra, force)
+    nothing = pd.DataFrame(columns=TOLD, index=pd.Index([], name="property"))
+    return Location(table, _stretches(diagnosis), rules, spectra, force, nothing, ())
 
 
 def with_invariances(location: Location, diagnosis: Diagnosis) -> Location:
