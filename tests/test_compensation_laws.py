@@ -528,6 +528,16 @@ def test_the_jacobian_of_a_linear_law_is_its_own_recursion():
     assert found.share_growing == 0.0
 
 
+@pytest.mark.parametrize("n_samples", [100, 3999, 4000, 4001])
+def test_the_jacobian_is_looked_at_over_all_of_a_reference(n_samples):
+    # m[k] = r[k+1] + 0.5 r[k] m[k-1]: errors shrink by 0.1 a sample in the first half, by 0.9 in the other
+    law = isolated_law(NARXModel.from_equations("u[k-1] - 0.5*y[k-1]*u[k-2]"))
+    found = law_stability(law, np.where(np.arange(n_samples) < n_samples // 2, 0.2, 1.8))
+    assert n_samples - found.samples[-1] <= -(-n_samples // 2000)
+    assert found.samples.size == found.radius.size <= 2000
+    assert found.growth == pytest.approx(0.3, rel=0.02)
+
+
 def test_the_published_isolated_valve_law_amplifies_and_the_piezo_laws_do_not():
     seconds = np.arange(2000) * 0.01
     valve = law_stability(isolated_law(VALVE_I), 3.08 + 0.34 * np.sin(0.2 * np.pi * seconds), m=3.0)

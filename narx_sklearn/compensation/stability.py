@@ -11,7 +11,7 @@ from narx_sklearn.exceptions import NarxWarning
 
 __all__ = ["AmplificationWarning", "LawStability", "law_stability"]
 
-N_CHECKED = 2000  # samples at which the Jacobian is evaluated, spread over the reference
+N_CHECKED = 2000  # most samples at which the Jacobian is evaluated, spread over the reference
 FORGOTTEN = 1e6  # growth of an error beyond which the end of a run is its divergence
 STEP = 1e-6  # of the range of the inputs: the difference quotients' step
 TOLERATED = 1e-3  # growth a sample beyond 1 that counts: a thousandfold error in seven thousand samples
@@ -89,8 +89,8 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
     (False, 1.1)
     """
     known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(law.known)))
-    every = max(1, known.shape[0] // N_CHECKED)
-    n_checked = min(-(-known.shape[0] // every), N_CHECKED)
+    every = max(1, -(-known.shape[0] // N_CHECKED))  # rounded up, so that the samples checked reach the end
+    n_checked = -(-known.shape[0] // every)
     state = law.start(m, known[0])
     inputs = law.run(known, m=m).m
     size = np.ptp(inputs) or np.abs(inputs).max() or 1.0
