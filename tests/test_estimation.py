@@ -144,6 +144,14 @@ def test_variable_forgetting_reacts_to_surprise_and_only_to_that(kernel):
     assert abs(history[-1, 0] - 2.0) < 0.02
 
 
+@pytest.mark.parametrize("one", [np.float32(1.0), np.int64(1)])
+def test_numbers_of_any_kind_are_forgetting_factors(one):
+    Psi = np.random.default_rng(0).normal(size=(50, 2))
+    y = Psi @ [1.0, -2.0]
+    ours, plain = (recursive_least_squares(Psi, y, forgetting=f).theta for f in (one, 1.0))
+    np.testing.assert_array_equal(ours, plain)
+
+
 def test_recursion_without_forgetting_ends_at_least_squares():
     """Starting from P = 1e9 I adds 1e-9 theta'theta to the sum of squares, and no more."""
     rng = np.random.default_rng(0)

@@ -228,6 +228,15 @@ def test_refinement_never_ends_worse(record):
     assert narx.refinement_.loss <= narx.refinement_.loss_before
 
 
+@pytest.mark.parametrize(("given", "meant"), [(0, False), (np.False_, False), (1, True), (np.True_, True)])
+def test_refine_means_what_it_equals(record, given, meant):
+    X, y = record
+    ours, plain = (NARXRegressor(2, 2, refine=value).fit(X[:300], y[:300]) for value in (given, meant))
+    assert (ours.refinement_ is None) == (plain.refinement_ is None) == (not meant)
+    assert ours.noise_ == plain.noise_
+    np.testing.assert_array_equal(ours.coef_, plain.coef_)
+
+
 @pytest.mark.parametrize("search", ["forward", "iterated"])
 def test_every_search_returns_a_model_of_the_wanted_size(record, search):
     narx = NARXRegressor(2, 2, degree=2, search=search, n_terms=5, refine=False).fit(*record)

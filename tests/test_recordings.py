@@ -320,7 +320,7 @@ def test_a_stream_that_forgets_follows_a_change():
 
 def test_forgetting_that_is_no_number_is_refused_for_streams():
     u, y = simulate(100, 0)
-    for wrong in ("variable", 0.0, 1.5):
+    for wrong in ("variable", 0.0, 1.5, None):
         with pytest.raises(ValueError, match="forgetting"):
             NARXRegressor(forgetting=wrong).partial_fit(u[:, None], y)
 

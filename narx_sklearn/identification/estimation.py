@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numba import njit
@@ -179,7 +180,7 @@ def recursive_least_squares(
     if y.size != n_samples:
         raise ValueError(f"Psi has {n_samples} rows, y has {y.size} samples; they must agree.")
     variable = forgetting == "variable"
-    if not variable and not (isinstance(forgetting, int | float) and 0.0 < forgetting <= 1.0):
+    if not variable and not (isinstance(forgetting, Real) and 0.0 < forgetting <= 1.0):
         raise ValueError(f"forgetting must be a number in (0, 1] or 'variable', got {forgetting!r}.")
     start = np.zeros(n_terms) if theta is None else np.array(theta, dtype=float)
     P = np.array(covariance, dtype=float) if np.ndim(covariance) else float(covariance) * np.eye(n_terms)

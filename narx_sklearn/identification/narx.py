@@ -339,9 +339,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             return True
         if self.size == "free_run" and self.n_terms is None:
             return True
-        if self.estimator in ("els", "rls") or self.refine is True:
+        if self.estimator in ("els", "rls") or self._refine_mode == "always":
             return True
-        if self.refine is False or record.n_outputs > 1 or self.estimator != "ls":
+        if self._refine_mode == "never" or record.n_outputs > 1 or self.estimator != "ls":
             return False
         if record.n_samples > GATHERED_SAMPLES:
             warnings.warn(
@@ -382,7 +382,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 f"partial_fit keeps the compressed record only, which estimator={self.estimator!r} cannot "
                 "use; choose 'ls' or 'ridge', or call fit."
             )
-        if isinstance(self.forgetting, str) or not 0.0 < self.forgetting <= 1.0:
+        if not isinstance(self.forgetting, Real) or not 0.0 < self.forgetting <= 1.0:
             raise ValueError(
                 "partial_fit weighs earlier batches by forgetting, which must be a number above 0 and at "
                 f"most 1 here, got {self.forgetting!r}."
@@ -436,6 +436,13 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     def _longest(self) -> int:
         return max(self.max_terms, self.n_terms or 0)
 
+    @property
+    def _refine_mode(self) -> str:
+        """What ``refine`` asks for: "auto", "always" or "never"; 1, 0 and NumPy's booleans count as such."""
+        if isinstance(self.refine, str):
+            return self.refine
+        return "always" if self.refine else "never"
+
     def _check_parameters(self) -> None:
         check_choice(self.criterion, "criterion", CRITERIA)
         check_choice(self.search, "search", SEARCHES)
@@ -449,7 +456,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
         if not isinstance(self.alpha, Real) or not float(self.alpha) >= 0.0:
             raise ValueError(f"alpha must be a number of at least 0, got {self.alpha!r}.")
-        if self.refine not in ("auto", True, False):
+        known = self.refine == "auto" if isinstance(self.refine, str) else self.refine in (True, False)
+        if not known:
             raise ValueError(f"refine must be 'auto', True or False, got {self.refine!r}.")
         if isinstance(self.origin, str):
             check_choice(self.origin, "origin", ORIGINS)
@@ -613,11 +621,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _refine(self, model, selected, constraints, X, y, sessions):
         """Fit, or search, by the free run; return the model, how it went, and where the noise is."""
-        if self.refine is False:
+        if self._refine_mode == "never":
             return model, None, "equation"
         inside = self._inside(model, selected, constraints)
-        if self.refine is True or len(selected) > 1 or self.estimator != "ls":
-            if self.refine == "auto":
+        if self._refine_mode == "always" or len(selected) > 1 or self.estimator != "ls":
+            if self._refine_mode == "auto":
                 return model, None, "equation"
             fit = refine_free_run(
                 model, X, y, sessions=sessions, constraints=inside, horizons=self._horizons(model)
