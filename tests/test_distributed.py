@@ -246,8 +246,14 @@ def test_a_fit_on_a_cluster_resumes_from_its_checkpoint(tmp_path, monkeypatch):
     saved[1].unlink()
     resumed = NARXRegressor(**SETTINGS, checkpoint=tmp_path).fit(*sides)
     assert resumed.coef_.tobytes() == plain.coef_.tobytes()
-    with pytest.raises(ValueError, match="record was"):
+    with pytest.raises(ValueError, match="record partitions was"):
         NARXRegressor(**SETTINGS, checkpoint=tmp_path).fit(*(chunked(data, [60] * 4) for data in RECORD))
+    X, y, labels = RECORD
+    backwards = np.concatenate([y[:50], y[50:70][::-1], y[70:]])
+    others = ((X, backwards, labels), *((X, y, np.repeat([1, 2], [n, 240 - n])) for n in (120, 130)))
+    for other in others:
+        with pytest.raises(ValueError, match=r"record (fingerprints|sessions) was"):
+            NARXRegressor(**SETTINGS, checkpoint=tmp_path).fit(*(chunked(data, [40] * 6) for data in other))
 
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch):

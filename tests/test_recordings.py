@@ -13,7 +13,7 @@ from narx_sklearn.identification import Factor, record, recordings
 from narx_sklearn.identification.many import by_session, free_run_many
 from narx_sklearn.identification.record import Moments
 from narx_sklearn.identification.recordings import Recordings
-from narx_sklearn.model import NARXModel, Play
+from narx_sklearn.model import FunctionPhi, NARXModel, Play
 
 LENGTHS = (400, 150, 300)
 
@@ -271,7 +271,7 @@ def test_an_interrupted_fit_goes_on_where_it_stopped(files, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("change", "named"), [({"output_lags": [2, 3]}, "terms was"), ({"files": 2}, "record was")]
+    ("change", "named"), [({"output_lags": [2, 3]}, "terms was"), ({"files": 2}, "record files was")]
 )
 def test_a_checkpoint_of_other_settings_is_refused(files, tmp_path, change, named):
     folder, settings = tmp_path / "checkpoint", {"output_lags": 2, "input_lags": 2, "origin": "zero"}
@@ -288,6 +288,42 @@ def test_arrays_in_memory_resume_too(machines, tmp_path, monkeypatch):
     for _ in range(2):
         kept = NARXRegressor(2, 2, refine=False, checkpoint=tmp_path).fit(*in_memory(machines))
         assert kept.coef_.tobytes() == plain.coef_.tobytes()
+
+
+def test_a_checkpoint_knows_its_samples_and_sessions(tmp_path):
+    u, y = simulate(600, 0)
+    X, settings = u[:, None], {"output_lags": 2, "input_lags": 2, "refine": False, "checkpoint": tmp_path}
+    NARXRegressor(**settings).fit(X, y)
+    NARXRegressor(**settings).fit(X, y, np.zeros(600))  # one session, as before
+    backwards = np.concatenate([y[:100], y[100:200][::-1], y[200:]])
+    for data in ((X, y, np.arange(600) // 2), (X, backwards), (X[::-1], y)):
+        with pytest.raises(ValueError, match="record fingerprint was"):
+            NARXRegressor(**settings).fit(*data)
+
+
+def test_both_origins_of_a_fit_have_a_place_in_a_checkpoint(tmp_path):
+    u, y = simulate(300, 0)
+    # without terms in u alone no translation leads from one origin to the other
+    task = {"output_lags": 2, "input_lags": 2, "exclude": ["u"], "refine": False}
+    plain = NARXRegressor(**task).fit(u[:, None] + 300.0, y)
+    for _ in range(2):
+        kept = NARXRegressor(**task, checkpoint=tmp_path).fit(u[:, None] + 300.0, y)
+        assert kept.coef_.tobytes() == plain.coef_.tobytes()
+
+
+def test_a_checkpoint_knows_a_function_by_name_and_values(tmp_path):
+    u, y = simulate(300, 0)
+
+    def fit(power):
+        def shape(u):
+            return np.abs(u) ** power
+
+        phi = [FunctionPhi(shape, ["u[k]"])]
+        return NARXRegressor(1, 1, phi=phi, refine=False, checkpoint=tmp_path).fit(u[:, None], y)
+
+    assert fit(1).coef_.tobytes() == fit(1).coef_.tobytes()
+    with pytest.raises(ValueError, match="scale was"):
+        fit(2)
 
 
 # -- streams ------------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from narx_sklearn.identification.record import (
     Block,
     Moments,
     Record,
+    fingerprint,
     grouped,
     in_groups,
     merge_tree,
@@ -39,6 +40,7 @@ class Survey(NamedTuple):
     moments: Moments
     first_label: Any
     last_label: Any
+    fingerprint: str
 
 
 class DaskRecord(Record):
@@ -119,6 +121,7 @@ class DaskRecord(Record):
             raise ValueError("X holds no samples in any of its partitions.")
         self.moments = merge_tree(Moments.merge, [one.moments for one in found])
         self._edge_labels = [(one.first_label, one.last_label) for one in found]
+        self._fingerprints = [one.fingerprint for one in found]
 
     def map(self, function, *, reach=0, whole=False):
         """Return ``function(block)`` for every block; see `Record.map`."""
@@ -161,8 +164,12 @@ class DaskRecord(Record):
         return np.concatenate(X), np.concatenate(y), None if labels[0] is None else np.concatenate(labels)
 
     def description(self):
-        """Return lengths of the partitions and means; see `Record.description`."""
-        return {"partitions": self.lengths, "mean": self.moments.mean.tolist()}
+        """Return lengths and fingerprints of the partitions; see `Record.description`."""
+        return {
+            "partitions": self.lengths,
+            "fingerprints": self._fingerprints,
+            "sessions": [len(group) for group in self._whole_sessions()],
+        }
 
     def _parts(self, reach: int, whole: bool) -> list[tuple]:
         """Return, for every task, what `blocks_of_part` takes: a plan, partitions, ends of those before."""
@@ -225,8 +232,10 @@ def survey(X, y, sessions) -> Survey:
             f"A partition of X has {X.shape[0]} samples, and of y {y.shape[0]}; take both from one "
             "DataFrame, or rechunk them alike."
         )
-    ends = (None, None) if labels is None or labels.size == 0 else (labels[0], labels[-1])
-    return Survey(X.shape[0], y.shape[1], None if labels is None else labels.size, Moments.of(X, y), *ends)
+    first, last = (None, None) if labels is None or labels.size == 0 else (labels[0], labels[-1])
+    n_labels = None if labels is None else labels.size
+    told_by = "" if n_labels not in (None, X.shape[0]) else fingerprint(X, y, labels)
+    return Survey(X.shape[0], y.shape[1], n_labels, Moments.of(X, y), first, last, told_by)
 
 
 def last_samples(X, y, sessions, reach: int):

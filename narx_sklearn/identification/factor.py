@@ -171,16 +171,25 @@ class Factor:
 
 def _refuse_others(path, stored: dict, wanted: dict) -> None:
     """Raise a ValueError that names the settings in which a saved factor differs from what is wanted."""
-    differing = sorted(name for name in stored.keys() | wanted.keys() if stored.get(name) != wanted.get(name))
+    differing = _differences(stored, wanted)
     if differing:
-        shown = "; ".join(
-            f"{name} was {_shortened(stored.get(name))}, is {_shortened(wanted.get(name))}"
-            for name in differing
-        )
+        shown = "; ".join(f"{name} was {_shortened(a)}, is {_shortened(b)}" for name, a, b in differing)
         raise ValueError(
             f"{path} was saved with other settings: {shown}. Go on with the settings it was saved with, or "
             "choose another place."
         )
+
+
+def _differences(stored: dict, wanted: dict) -> list[tuple]:
+    """Return name and both values of the settings that differ, looking into those that are mappings."""
+    found = []
+    for name in sorted(stored.keys() | wanted.keys()):
+        a, b = stored.get(name), wanted.get(name)
+        if isinstance(a, dict) and isinstance(b, dict):
+            found += [(f"{name} {inner}", *values) for inner, *values in _differences(a, b)]
+        elif a != b:
+            found.append((name, a, b))
+    return found
 
 
 def _shortened(value, length: int = 80) -> str:

@@ -335,15 +335,16 @@ def total_factor(library: TermLibrary, layout: Layout, record: Record, checkpoin
         settings = {
             "outputs": layout.outputs,
             "inputs": layout.inputs,
-            "phi": [repr(p) for p in layout.phi],
+            "phi": [str(p.to_dict()) for p in layout.phi],  # functions by name: their own text is an address
             "terms": library.names,
             "origin": layout.origin.tolist(),
             "scale": layout.scale.tolist(),
             "record": record.description(),
         }
-        # one stage for each origin and each screening that a fit works at
-        centred = "centred" if layout.origin.any() else "at-zero"
-        kept = Checkpoint(checkpoint, f"{centred}-{len(library)}-terms", settings)
+        # one stage for each origin and each screening that a fit works at; of two origins the second
+        # moves fewer signals
+        moved = np.count_nonzero(layout.origin)
+        kept = Checkpoint(checkpoint, f"{moved}-moved-{len(library)}-terms", settings)
     return record.total(
         partial(factor_of_block, library, layout),
         Factor.merge,

@@ -4,6 +4,7 @@ Whatever holds the samples, a fit asks it for two things: the results of a funct
 total under an associative merge. Blocks know the samples before them that lags reach.
 """
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from narx_sklearn._validation import all_finite, blocks
+from narx_sklearn._validation import all_finite, blocks, session_slices
 
 CHUNK_ROWS = 1 << 18  # samples laid out at a time: some megabytes a channel
 MERGED_TOGETHER = 8  # results merged by one task: a tree of depth 4 over four thousand blocks
@@ -273,8 +274,31 @@ class ArrayRecord(Record):
         return self.X[last].copy(), self.y[last].copy(), labels
 
     def description(self):
-        """Return the record's shape and moments; see `Record.description`."""
-        return {"n_samples": self.n_samples, "mean": self.moments.mean.tolist()}
+        """Return length and fingerprint of the record; see `Record.description`."""
+        return {"n_samples": self.n_samples, "fingerprint": fingerprint(self.X, self.y, self.sessions)}
+
+
+def fingerprint(X: np.ndarray, y: np.ndarray, sessions: np.ndarray | None) -> str:
+    """Return a short text that changes with any sample of a stretch, and with any border between sessions.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.identification.record import fingerprint
+    >>> X, y = np.zeros((4, 1)), np.arange(4.0)[:, None]
+    >>> whole, parted, backwards = (
+    ...     fingerprint(X, y, None), fingerprint(X, y, np.array([0, 0, 1, 1])), fingerprint(X, y[::-1], None)
+    ... )
+    >>> whole == fingerprint(X, y, np.zeros(4)), whole == parted, whole == backwards
+    (True, False, False)
+    """
+    found = hashlib.blake2b(repr((X.shape, y.shape)).encode(), digest_size=16)
+    for rows in blocks(X.shape[0]):
+        found.update(X[rows].tobytes())
+        found.update(y[rows].tobytes())
+    begins = [piece.start for piece in session_slices(sessions, X.shape[0])]
+    found.update(np.array(begins, dtype=np.int64).tobytes())
+    return found.hexdigest()
 
 
 def grouped(items: Sequence, size: int) -> list[Sequence]:

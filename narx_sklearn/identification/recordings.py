@@ -327,6 +327,7 @@ class Recordings(Record):
             "inputs": list(self.inputs),
             "outputs": list(self.outputs),
             "session": self.session,
+            "columns": None if self.columns is None else list(self.columns),
         }
 
 
