@@ -354,6 +354,55 @@ def test_a_stream_that_forgets_follows_a_change():
     np.testing.assert_allclose(stream.coef_, [0.8, 1.0], atol=0.01)
 
 
+def test_intervals_of_a_stream_are_those_of_all_it_saw():
+    u, y = simulate(6000, 3)
+    X, batch = u[:, None], np.arange(6000) // 300
+    settings = {"output_lags": 2, "input_lags": 2, "origin": "zero", "refine": False, "n_terms": 4}
+    stream = NARXRegressor(**settings)
+    for b in range(20):
+        stream.partial_fit(X[batch == b], y[batch == b])
+        if b == 0:
+            first = NARXRegressor(**settings).fit(X[:300], y[:300])
+            np.testing.assert_allclose(stream.confidence_intervals(), first.confidence_intervals(), rtol=1e-9)
+    whole = NARXRegressor(**settings).fit(X, y, batch)
+    assert_same_model(stream, whole)
+    np.testing.assert_allclose(stream.sigma_, whole.sigma_, rtol=1e-9)
+    ours, plain = (narx.uncertainty_[0].standard_errors for narx in (stream, whole))
+    assert 0.8 < np.sqrt(np.mean((ours / plain) ** 2)) < 1.25  # of twelve stretches, cut in other places
+
+
+def test_intervals_of_a_stream_that_forgets_are_as_wide_as_what_it_remembers():
+    u, y = simulate(6000, 3)
+    settings = {"output_lags": 2, "input_lags": 2, "origin": "zero", "refine": False, "n_terms": 4}
+    widths = []
+    for forgetting in (1.0, 0.5):
+        stream = NARXRegressor(**settings, forgetting=forgetting)
+        for part in np.split(np.arange(6000), 40):
+            stream.partial_fit(u[part, None], y[part])
+        widths.append(float(np.diff(stream.confidence_intervals()).mean()))
+    # sum of weights squared over sum of squared weights: 3 batches of 40
+    assert widths[1] / widths[0] == pytest.approx(np.sqrt(40 / 3), rel=0.4)
+
+
+def test_a_stream_of_single_samples_counts_what_forgetting_leaves():
+    u, y = simulate(400, 0)
+    session = np.zeros(400)
+    stream = NARXRegressor(1, 1, degree=1, origin="zero", forgetting=0.98)
+    stream.partial_fit(u[:101, None], y[:101], session[:101])
+    for k in range(101, 400):
+        stream.partial_fit(u[k : k + 1, None], y[k : k + 1], session[k : k + 1])
+    left = 0.98**299
+    assert stream.path_.n_samples == round(100 * left + (1 - left) / 0.02)
+
+
+def test_fit_forgets_the_batches_before_it():
+    (u, y), (v, z) = simulate(200, 0), simulate(200, 1)
+    narx = NARXRegressor(2, 2, refine=False).partial_fit(u[:, None], 5.0 * y)
+    narx.fit(u[:, None], y).partial_fit(v[:, None], z)
+    alone = NARXRegressor(2, 2, refine=False).partial_fit(v[:, None], z)
+    np.testing.assert_array_equal(narx.coef_, alone.coef_)
+
+
 def test_forgetting_that_is_no_number_is_refused_for_streams():
     u, y = simulate(100, 0)
     for wrong in ("variable", 0.0, 1.5, None):

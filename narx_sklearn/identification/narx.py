@@ -1,6 +1,7 @@
 """NARXRegressor: identification of polynomial NARX models as a scikit-learn estimator."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
@@ -24,6 +25,7 @@ from narx_sklearn._validation import (
     signal_units,
 )
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification.batches import Batches
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
 from narx_sklearn.identification.estimation import recursive_least_squares
@@ -46,7 +48,6 @@ from narx_sklearn.identification.procedure import (
     select_terms,
     stretch_factors,
     total_criterion,
-    total_factor,
     warn_if_short,
 )
 from narx_sklearn.identification.record import ArrayRecord, Record
@@ -306,9 +307,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         What reads all samples at once (``refine``, ``size="free_run"``, ``estimator="els"`` and ``"rls"``)
         gathers dask collections and files in this process.
         """
-        self.__dict__.pop("model_", None)  # an interrupted fit leaves nothing that could be used
+        self._forget()
         with single_threaded_blas():
             return self._fit(X, y, sessions)
+
+    def _forget(self) -> None:
+        """Drop the model and the batches of earlier fits; an interrupted fit leaves nothing to be used."""
+        for name in ("model_", "_batches", "_end"):
+            self.__dict__.pop(name, None)
 
     def _fit(self, X, y, sessions):
         self._check_parameters()
@@ -330,7 +336,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
         warn_if_short(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
-        self.uncertainty_ = self._uncertainty(constraints, record)
+        self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
         return self
 
     def _reads_all_samples(self, record: Record) -> bool:
@@ -360,8 +366,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Each batch counts as a recording of its own, unless its first session label is the last one of the
         batch before, with which it then goes on. ``forgetting`` weighs earlier batches down: all that came
         before by that factor, for each new batch. The origin, the scales and, for large libraries, the
-        screened candidates are those of the first batch. Free-run refinement and ``"els"`` and ``"rls"`` need
-        the raw data and are not available here.
+        screened candidates are those of the first batch. Intervals and ``sigma_`` are those of all batches,
+        with the same weights. Free-run refinement and ``"els"`` and ``"rls"`` need the raw data and are not
+        available here. `fit` forgets the batches before it: one after it is a first batch.
 
         Parameters
         ----------
@@ -382,7 +389,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 f"partial_fit keeps the compressed record only, which estimator={self.estimator!r} cannot "
                 "use; choose 'ls' or 'ridge', or call fit."
             )
-        if not isinstance(self.forgetting, Real) or not 0.0 < self.forgetting <= 1.0:
+        if not isinstance(self.forgetting, Real) or not 0.0 < float(self.forgetting) <= 1.0:
             raise ValueError(
                 "partial_fit weighs earlier batches by forgetting, which must be a number above 0 and at "
                 f"most 1 here, got {self.forgetting!r}."
@@ -392,31 +399,22 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         problem, units = self._pose(record)
         constraints = self._constraints(problem)
         if first:
-            self._batches = self._compress(problem, constraints, record)
+            choices = self._compress(problem, constraints, record)
+            self._batches = [Batches.begin(compressed, record) for compressed in choices]
         else:
             record = self._continued(record)
-            keep = float(self.forgetting)
-            self._batches = [
-                replace(before, factor=before.factor.scaled(keep)).merge(
-                    Compressed(
-                        before.library,
-                        before.layout,
-                        total_factor(before.library, before.layout, record),
-                        before.n_considered,
-                    )
-                )
-                for before in self._batches
-            ]
+            self._batches = [before.add(record, float(self.forgetting)) for before in self._batches]
         self._keep_end(record)
-        selected = self._select_best(self._batches, constraints)
+        selected = self._select_best([batches.compressed for batches in self._batches], constraints)
+        (taken,) = (b for b in self._batches if b.compressed is selected[0].compressed)
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
         self._store(model, selected, None, "equation")
-        self.uncertainty_ = self._uncertainty(constraints, record)
+        self.uncertainty_ = self._uncertainty(constraints, taken.scores)
         return self
 
     def _keep_end(self, record: Record) -> None:
         """Keep what the lags of a next batch of the same session will read."""
-        reach = max(reach_of(b.library, b.layout) for b in self._batches)
+        reach = max(reach_of(b.compressed.library, b.compressed.layout) for b in self._batches)
         self._end = record.end(reach) if isinstance(record, ArrayRecord) and reach else None
 
     def _continued(self, record: Record) -> Record:
@@ -426,7 +424,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         X, y, labels = self._end
         if labels is None or labels[-1] != record.sessions[0]:
             return record
-        if remembers_all(self._batches[0].layout):
+        if remembers_all(self._batches[0].compressed.layout):
             raise ValueError(
                 "phi regressors that remember all of the past cannot be computed batch by batch of one "
                 "session; give every batch a label of its own in sessions, or call fit."
@@ -712,8 +710,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self.noise_ = noise
         self._layout = selected[0].compressed.layout
 
-    def _uncertainty(self, constraints, record: Record) -> list[ParameterUncertainty]:
-        """Covariances from the residuals of what was fitted: one step, or free run."""
+    def _uncertainty(
+        self, constraints, scores_of: Callable[..., OneStepScores], record: Record | None = None
+    ) -> list[ParameterUncertainty]:
+        """Covariances from the residuals of what was fitted: one step, or free run of the record."""
         model = self.model_
         found, sigma = [], []
         for output in range(len(model.outputs)):
@@ -722,9 +722,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             inside = on_library(constraints[output], self._library, kept)
             scales = parameter_scales(self._layout, kept, output)
             theta = model.parameters[present, output] / scales
-            scores = self._scores(kept, record, theta, output)
+            scores = scores_of(kept, theta, output)
             sigma.append(self._layout.scale[output] * scores.residual_deviation)
-            if self.noise_ != "equation" and len(model.outputs) == 1:
+            if record is not None and self.noise_ != "equation" and len(model.outputs) == 1:
                 X, y, sessions = record.everything()
                 found.append(free_run_uncertainty(model, X, y, sessions=sessions, constraints=inside))
                 continue
@@ -734,11 +734,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self.sigma_ = np.array(sigma)
         return found
 
-    def _scores(self, library, record: Record, theta, output: int) -> OneStepScores:
+    def _scores(self, record: Record, library, theta, output: int) -> OneStepScores:
         """Sum the scores of the estimate over stretches: sample by sample, or where the samples are."""
         if isinstance(record, ArrayRecord):
             return one_step_scores(partial(candidates_of, library, self._layout, record), theta, output)
-        return scores_on_factors(stretch_factors(library, self._layout, record), theta, output)
+        stretches = stretch_factors(library, self._layout, record)
+        return scores_on_factors(stretches, theta, output, sum(f.n_samples for f in stretches))
 
     # -- prediction ---------------------------------------------------------------------------------------
 

@@ -77,10 +77,6 @@ class Compressed:
     factor: Factor
     n_considered: int
 
-    def merge(self, other: "Compressed") -> "Compressed":
-        """Return both records together."""
-        return replace(self, factor=self.factor.merge(other.factor))
-
     @property
     def origin(self) -> dict[str, float]:
         """Origin of each output and input, where it is not zero."""
@@ -448,13 +444,20 @@ def _without_named(factor: Factor, constraints: LinearConstraints, output: int) 
     return rest, Factor(R, factor.n_outputs, factor.n_samples)
 
 
-def stretch_factors(library: TermLibrary, layout: Layout, record: Record) -> list[Factor]:
-    """Return the factors of a few long stretches of the record, equal in usable samples."""
+def stretch_factors(
+    library: TermLibrary, layout: Layout, record: Record, *, shortest: float | None = None
+) -> list[Factor]:
+    """Return the factors of a few long stretches of the record, equal in usable samples.
+
+    With ``shortest`` given there are fewer where they would be shorter than that, one at least.
+    """
     reach, whole = reach_of(library, layout), remembers_all(layout)
     found = record.map(partial(usable_in_block, library, layout), reach=reach, whole=whole)
     usable = np.array([n for _, n in found], dtype=int)
     n_samples = int(usable.sum())
     count = n_stretches(n_samples)
+    if shortest is not None:
+        count = max(min(count, int(n_samples / shortest)), 1)
     # stretch w holds the usable samples i with i * count // n_samples == w
     edges = [-(-w * n_samples // count) for w in range(count + 1)]
     done = {first: int(d) for (first, _), d in zip(found, np.cumsum(usable) - usable, strict=True)}
@@ -490,14 +493,15 @@ def merge_parts(one: dict[Any, Factor], other: dict[Any, Factor]) -> dict[Any, F
     return one | other | {key: one[key].merge(other[key]) for key in one.keys() & other.keys()}
 
 
-def scores_on_factors(factors: Sequence[Factor], theta: np.ndarray, output: int) -> OneStepScores:
+def scores_on_factors(
+    factors: Sequence[Factor], theta: np.ndarray, output: int, n_samples: int
+) -> OneStepScores:
     """Return what `one_step_scores` sums over stretches, from the stretches' factors.
 
     A factor has the inner products of its samples: Psi'Psi = R'R, and Psi'xi = R'(r - R theta) with r the
-    output's column.
+    output's column. ``n_samples`` is how many samples they stand for together.
     """
     left = [f.target(output) - f.Psi @ theta for f in factors]
-    n_samples = sum(f.n_samples for f in factors)
     power = sum(float(r @ r) for r in left)
     return OneStepScores(
         np.array([f.Psi.T @ f.Psi for f in factors]),
