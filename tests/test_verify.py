@@ -5,8 +5,20 @@ import pytest
 from small_machines import make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Windows
-from narx_sklearn.discrepancy.verify import BLOCKS, Errors, HeldOut, score_table, squared_errors
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.verify import (
+    BLOCKS,
+    Errors,
+    HeldOut,
+    Lead,
+    on_held_out,
+    score_table,
+    scored_stretches,
+    squared_errors,
+)
 
 N = 800
 
@@ -52,6 +64,23 @@ class TestIsBelied:
         """It is another matter that such a run does harm."""
         e = np.ones(N)
         assert not held_out(e, np.full(N, np.inf)).is_belied(1.0)
+
+
+def test_stretches_that_are_too_short_leave_no_initial_states():
+    simulator, u = make_axis(), np.zeros((100, 1))
+    windows = cut([(slice(0, 90), 0)], 15, 12)
+    problem = Problem(simulator, u, u, windows, Noise.white(np.ones(1)))
+    nothing = on_held_out(
+        problem,
+        simulator,
+        simulator,
+        [(slice(95, 100), 0)],
+        (np.zeros(2),) * 2,
+        Lead(windows, np.zeros((6, 2))),
+    )
+    assert nothing.x0.shape == (0, 2)
+    assert not nothing.is_silent(1.0)
+    assert not nothing.is_belied(1.0)
 
 
 class TestScores:
@@ -118,3 +147,17 @@ class TestScores:
         table = score_table(errors, np.array([1.0]), 0.9, 0)
         assert table["nrmse"]["augmented"] == table["nrmse_high"]["augmented"] == np.inf
         assert table["removed"].tolist() == [0.0, -np.inf]
+
+
+class TestScoredStretches:
+    def test_short_pieces_are_left_out_and_long_ones_cut_before_a_run_is_lost(self):
+        pieces = [(slice(0, 40), 0), (slice(50, 250), 50)]
+        (whole,) = scored_stretches(pieces, 24, np.inf, 2)
+        assert (*whole, whole.scored) == (slice(50, 250), 50, 24, slice(74, 250))
+        cut_up = scored_stretches(pieces, 24, 52.0, 2)
+        assert [s.rows for s in cut_up] == [slice(a, a + 50) for a in range(50, 250, 50)]
+
+    def test_where_all_are_short_fewer_samples_fix_the_initial_state(self):
+        (short,) = scored_stretches([(slice(0, 40), 0), (slice(50, 70), 50)], 24, np.inf, 2)
+        assert (short.rows, short.n_init) == (slice(0, 40), 12)
+        assert scored_stretches([(slice(0, 24), 0)], 24, np.inf, 2) == []

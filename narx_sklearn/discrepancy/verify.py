@@ -297,7 +297,7 @@ def on_held_out(
     windows = cut(pieces, length, shortest_window(problem.simulator))
     if not windows.count:
         none = np.empty(0)
-        return HeldOut(none, none, np.nan, np.nan, windows, np.empty((0, problem.windows.count)))
+        return HeldOut(none, none, np.nan, np.nan, windows, np.empty((0, len(before.states))))
     starts: list[np.ndarray] = []
     residuals = []
     for simulator, guess in zip((before, after), guesses, strict=True):
