@@ -9,11 +9,11 @@ from narx_sklearn.discrepancy.locate._kalman import initial_energy
 from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES
 
 DIFFUSE = 1e4  # variance of a free initial deviation over what the residual could ask of it
 SEARCH_SAMPLES = 2000  # windows with about this many samples settle the two variances
 LONGEST_PIECE = 1000  # samples of a window that the search takes at a time
-FEWEST_VALUES = 20  # residuals inside windows, without which no force is located
 
 
 class Covered(NamedTuple):

@@ -18,10 +18,9 @@ from narx_sklearn.discrepancy.columns import (
     read_columns,
     unlike_units,
 )
-from narx_sklearn.discrepancy.locate._covered import FEWEST_VALUES
 from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
-from narx_sklearn.discrepancy.simulators.windows import shortest_window
+from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES, shortest_window
 from narx_sklearn.exceptions import NarxWarning
 
 Piece = tuple[slice, int]  # a stretch without gaps in the inputs, and the first sample of its session

@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, ev
 
 WINDOWS = 40  # where an integrator or an unstable mode lets errors grow
 FEWEST = 4  # of a record that has room for them
+FEWEST_VALUES = 20  # measured inside windows, without which nothing is located
 MOST = 60  # more windows cost information on slow dynamics and bring little
 LONGEST = 50_000  # samples looked at; windows spread over a longer record stand for it
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
