@@ -265,6 +265,23 @@ def test_headings_of_where_say_what_the_numbers_are(case):
     assert "the unknown signal at the likeliest place" in first.caption
 
 
+def test_what_held_out_data_spoke_against_is_told_and_drawn_as_it_was_scored(case):
+    """The corrected simulation then has refitted parameters alone; the scores are of what was tried."""
+    dx, u, y = case
+    refuted = copy(dx)
+    refuted._corrected, refuted.verdict_ = dx.refitted_simulator_, "unknown"
+    (part,) = gather(refuted, u, y).held_out
+    errors = y[part.rows][part.n_init :] - part.y["augmented"][part.n_init :, 0]
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(dx.scores_["rmse"]["augmented"], rel=1e-9)
+    told, usual = (" ".join(Page(render_report(one, u, y)).text) for one in (refuted, dx))
+    assert "held-out error, with what was found" in told
+    assert (
+        "held-out data speak against it, and the corrected simulation has refitted parameters alone" in told
+    )
+    assert "held-out error, corrected" in usual
+    assert "with what was found" not in usual
+
+
 def test_another_record_is_refused(case):
     with pytest.raises(ValueError, match=r"has 1000 samples, X has 900\. Pass the X"):
         render_report(case[0], case[1][:900], case[2][:900])

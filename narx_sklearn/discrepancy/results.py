@@ -139,5 +139,9 @@ class Finding:
 
     @property
     def modelled(self) -> bool:
-        """Whether it has a form, which the corrected simulation then holds."""
+        """Whether it has a form: an equation, or parameters.
+
+        The corrected simulation holds it then, unless held-out samples speak against it or nobody can foresee
+        its course.
+        """
         return bool(self.equation or self.parameters)

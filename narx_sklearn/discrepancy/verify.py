@@ -23,13 +23,23 @@ BELIED = 2.33  # standard errors, that what is right may be off by in one of a h
 def compared(dx) -> dict[str, Simulator]:
     """Return the simulators that a fitted DiscrepancyRegressor compares, by the names of its scores.
 
-    What happened once is left out: it was no sample held out.
+    What happened once is left out: it was no sample held out. Where held-out samples spoke against what was
+    found, it is compared all the same, though the corrected simulation leaves it out.
     """
+    tried, nominal = dx._corrected, dx._diagnosis.problem.simulator
+    if leaves_all_out(dx):
+        model = dx._diagnosis.best.fit.model
+        tried = nominal.with_parameters(model.p).with_effects(model.effects)
     return {
-        "nominal": dx._diagnosis.problem.simulator,
+        "nominal": nominal,
         "refitted": dx.refitted_simulator_,
-        "augmented": dx._corrected.with_effects(that_recur(dx._corrected.effects)),
+        "augmented": tried.with_effects(that_recur(tried.effects)),
     }
+
+
+def leaves_all_out(dx) -> bool:
+    """Tell whether a fitted DiscrepancyRegressor took back what it found, and corrects by a refit alone."""
+    return dx._corrected is dx.refitted_simulator_
 
 
 def guesses(dx) -> dict[str, np.ndarray]:

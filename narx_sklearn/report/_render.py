@@ -27,14 +27,14 @@ from narx_sklearn.report._figures import (
     state_plane,
     time_line,
 )
-from narx_sklearn.report._runs import WORDS, Material, adjoining, gather, noise_left, whitened
+from narx_sklearn.report._runs import Material, adjoining, gather, noise_left, whitened
 from narx_sklearn.report._words import (
     TableText,
     capital,
-    corrected,
     correlation_table,
     difference_table,
     finding_table,
+    has_form,
     headline,
     held_out_table,
     louder_table,
@@ -46,6 +46,7 @@ from narx_sklearn.report._words import (
     readable,
     residual_sentence,
     residual_table,
+    run_words,
     settings_table,
     to_table,
 )
@@ -212,7 +213,8 @@ def _facts(dx, material: Material) -> list[tuple[str, str]]:
     facts.append(("p that nothing is missing", p_text(dx.p_value_, "")))
     if not dx.scores_.empty:
         error = dx.scores_["nrmse"]
-        facts += [(f"held-out error, {WORDS[run]}", percent(error[run])) for run in error.index]
+        words = run_words(dx)
+        facts += [(f"held-out error, {words[run]}", percent(error[run])) for run in error.index]
     return facts
 
 
@@ -420,9 +422,8 @@ def _proof(dx, material: Material, outputs) -> dict | None:
     """Return the held-out comparison, None where nothing was held out."""
     if dx.scores_.empty or not material.held_out:
         return None
-    after = "corrected" if corrected(dx) else "parameters refitted"
-    before = "parameters refitted" if corrected(dx) else "as it was"
-    keys = ("refitted", "augmented") if corrected(dx) else ("nominal", "refitted")
+    keys = ("refitted", "augmented") if has_form(dx) else ("nominal", "refitted")
+    before, after = (run_words(dx)[key] for key in keys)
     longest = max(adjoining(material.held_out), key=lambda parts: parts[-1].rows.stop - parts[0].rows.start)
     start, stop = longest[0].rows.start, longest[-1].rows.stop
     rows = slice(start, min(stop, start + SHOWN))

@@ -9,6 +9,7 @@ import pandas as pd
 from narx_sklearn.analysis.residuals import ResidualTests
 from narx_sklearn.discrepancy.report_text import verdict_sentence, what_is_no_law
 from narx_sklearn.discrepancy.results import p_text
+from narx_sklearn.discrepancy.verify import leaves_all_out
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -83,7 +84,7 @@ def headline(dx) -> str:
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if other := what_is_no_law(dx):
             sentence = f"{other}: {names}"
-        elif corrected(dx):
+        elif has_form(dx):
             sentence += f"; what comes nearest: {names}"
         elif dx.findings_:
             sentence += f"; the likeliest place is {dx.findings_[0].place}"
@@ -92,9 +93,18 @@ def headline(dx) -> str:
     return f"{sentence}{_gain(dx)}."
 
 
-def corrected(dx) -> bool:
-    """Tell whether anything was added to the simulation."""
+def has_form(dx) -> bool:
+    """Tell whether anything that was found has a form, and was tried on held-out samples."""
     return any(finding.modelled for finding in dx.findings_)
+
+
+def run_words(dx) -> dict[str, str]:
+    """Return what the simulations of the scores are called.
+
+    Where held-out samples spoke against what was found, the corrected simulation is no longer the one that
+    was scored.
+    """
+    return WORDS | ({"augmented": "with what was found"} if leaves_all_out(dx) else {})
 
 
 def _gain(dx) -> str:
@@ -103,7 +113,7 @@ def _gain(dx) -> str:
     error = dx.scores_["nrmse"]
     if dx.verdict_ == "consistent":
         return f" (held-out error {percent(error['nominal'])} of the recording's spread)"
-    before, after = error["refitted" if corrected(dx) else "nominal"], error["augmented"]
+    before, after = error["refitted" if has_form(dx) else "nominal"], error["augmented"]
     if not np.isfinite(after):
         return "; on data the fit never saw, the free run leaves the finite range"
     if not np.isfinite(before):
@@ -148,7 +158,7 @@ def parameter_table(dx) -> TableText:
         "unit": "unit",
         "nominal": "as given",
         "refitted": "refitted, nothing added",
-        "augmented": "corrected",
+        "augmented": run_words(dx)["augmented"],
         "interval": f"{percent(dx.level)} interval",
     }
     return to_table(frame, "Parameters of the simulation", names)
@@ -156,26 +166,28 @@ def parameter_table(dx) -> TableText:
 
 def held_out_table(dx, outputs: Sequence[str]) -> TableText:
     """Return the held-out errors of ``outputs``, labelled with their units."""
-    return _score_table(dx, dx.scores_, "Held-out free run", outputs)
+    return _score_table(dx, dx.scores_, "Held-out free run", outputs, run_words(dx))
 
 
 def louder_table(dx, outputs: Sequence[str]) -> TableText | None:
     """Return the errors in louder motion of what was fitted to quiet motion, None where there are none."""
     if dx.extrapolation_.empty:
         return None
-    return _score_table(dx, dx.extrapolation_, "Fitted to quiet motion, run over louder motion", outputs)
+    return _score_table(
+        dx, dx.extrapolation_, "Fitted to quiet motion, run over louder motion", outputs, WORDS
+    )
 
 
-def _score_table(dx, scores, title: str, outputs: Sequence[str]) -> TableText:
+def _score_table(dx, scores, title: str, outputs: Sequence[str], words: dict[str, str]) -> TableText:
     frame = scores.reset_index()
     rows = []
     for row in frame.to_dict("records"):
-        cells = [WORDS[row["run"]], percent(row["nrmse"])]
+        cells = [words[row["run"]], percent(row["nrmse"])]
         known = np.isfinite(row["nrmse_high"])
         cells.append(f"{percent(row['nrmse_low'])} to {percent(row['nrmse_high'])}" if known else "-")
         cells += [number(row[column]) for column in frame if column.startswith("rmse")]
         removed = row.get("removed", np.nan)
-        cells.append(percent(removed) if row["run"] == "augmented" and corrected(dx) else "-")
+        cells.append(percent(removed) if row["run"] == "augmented" and has_form(dx) else "-")
         rows.append(tuple(cells))
     rmse = [f"rms error of {label}" for label in outputs]
     header = ("simulation", "error / spread", f"{percent(dx.level)} interval", *rmse, "error energy removed")
@@ -337,9 +349,14 @@ def next_steps(dx, experiment=None) -> list[str]:
             "Look at the curve above: what in the machine depends on that signal in this way? Register it as "
             "an effect of your own and diagnose again."
         )
-    worse = corrected(dx) and not dx.scores_.empty
+    worse = has_form(dx) and not dx.scores_.empty
     worse = worse and dx.scores_.loc["augmented", "nrmse"] >= dx.scores_.loc["refitted", "nrmse"]
-    if worse:
+    if has_form(dx) and leaves_all_out(dx):
+        steps.append(
+            "Do not add what was found yet: held-out data speak against it, and the corrected simulation has "
+            "refitted parameters alone. Record longer, or try effects that you believe in one by one."
+        )
+    elif worse:
         steps.append(
             "Do not use the corrected simulation yet: on held-out data it is no better than the refitted "
             "one. Record longer, or try effects that you believe in one by one."
