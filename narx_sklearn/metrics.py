@@ -10,6 +10,8 @@ from narx_sklearn._validation import as_signals, check_choice, session_slices
 
 __all__ = ["fit_percent", "mape", "nrmse", "nsavi", "rmse"]
 
+DIVERGED_SCORE = -1e6  # score of a free run that left the finite range: finite, so that searches can rank it
+
 
 def rmse(y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"):
     r"""Compute the root mean square error, in the unit of the output.
@@ -238,6 +240,16 @@ def nsavi(reference, compensation, *, sessions=None, multioutput="uniform_averag
             "with its own. Pass a reference that changes."
         )
     return _combine(path_m / path_r, multioutput)
+
+
+def r2_score_of(error: np.ndarray, scatter: np.ndarray) -> float:
+    """Return R^2 from sums of squares of each output, (n_outputs,), as the score of a free run.
+
+    As scikit-learn has it, a constant output is predicted either exactly (1) or not (0).
+    """
+    varies = scatter > 0
+    r2 = np.where(varies, 1.0 - error / np.where(varies, scatter, 1.0), np.where(error > 0, 0.0, 1.0))
+    return float(max(r2.mean(), DIVERGED_SCORE))
 
 
 def _rms(error, weight):

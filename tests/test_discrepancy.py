@@ -3,17 +3,20 @@
 import pickle
 import warnings
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
 from narx_sklearn import DiscrepancyRegressor, NARXModel, NARXRegressor, ODESimulator
 from narx_sklearn.discrepancy import settings
 from narx_sklearn.discrepancy.report_text import report_text, what_adds_up
+from narx_sklearn.metrics import DIVERGED_SCORE
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
@@ -122,20 +125,21 @@ class TestHeldOut:
     def test_a_free_run_that_leaves_far_more_than_the_windows_of_the_fit_is_told(self, cubic):
         assert "add up" not in cubic[0].report_
         dx = copy(cubic[0])
-        in_windows = np.sqrt(np.mean(dx._diagnosis.problem.left_over(dx._diagnosis.best.fit.model) ** 2))
+        found = dx.conclusion_.diagnosis
+        in_windows = np.sqrt(np.mean(found.problem.left_over(found.best.fit.model) ** 2))
         dx.scores_ = dx.scores_ * 10
         told = what_adds_up(dx)
         for number in (in_windows, dx.scores_.loc["augmented", "rmse"]):
             assert f"{number:.2g} m" in told
-        dx._corrected = dx.refitted_simulator_
+        dx.conclusion_ = replace(dx.conclusion_, corrected=dx.refitted_simulator_)
         assert not what_adds_up(dx)
 
     def test_what_held_out_samples_do_not_show_is_said_to_be_unconfirmed(self, cubic):
         assert "neither confirm nor refute" not in cubic[0].report_
         dx = copy(cubic[0])
-        dx._not_confirmed = True
+        dx.conclusion_ = replace(dx.conclusion_, is_silent=True)
         assert "neither confirm nor refute" in report_text(dx)
-        dx._corrected = dx.refitted_simulator_
+        dx.conclusion_ = replace(dx.conclusion_, corrected=dx.refitted_simulator_)
         assert "neither confirm nor refute" not in report_text(dx)
 
     @pytest.mark.parametrize(("unit", "told"), [("kg", " kg "), ("1", " "), ("-", " "), ("", " ")])
@@ -231,6 +235,41 @@ class TestPrediction:
 
 
 class TestInScikitLearn:
+    def test_a_fit_that_fails_leaves_nothing_half_done(self, short):
+        _, u, y = short
+        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
+        with pytest.raises(ValueError, match="No output of y moves"):
+            dx.fit(u, np.zeros(len(y)))
+        with pytest.raises(NotFittedError):
+            dx.predict(u)
+        assert not [name for name in vars(dx) if name.endswith("_")]
+
+    def test_names_of_columns_are_those_of_the_last_fit_and_of_inputs(self, short):
+        _, u, y = short
+        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
+        frame = pd.DataFrame({"pressure": u, "drive [V]": u, "pump": 0 * u})
+        dx.fit(frame, y)
+        assert (dx.n_features_in_, dx.feature_names_in_.tolist()) == (1, ["drive [V]"])
+        dx.fit(u, y)
+        assert not hasattr(dx, "feature_names_in_")
+
+    def test_a_function_is_told_of_each_stage(self, short):
+        _, u, y = short
+        told = []
+        DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"], verbose=told.append).fit(u, y)
+        assert told[0] == "check of the record"
+        assert told[-1] == "location"
+
+    def test_scores_are_finite_whatever_the_record(self, short):
+        dx, u, y = short
+        still = np.zeros(400)
+        assert dx.score(still, still) == 1.0  # met exactly, as scikit-learn has it
+        assert dx.score(still, still + np.linspace(0, 1e-3, 400)) < 0
+        softer = copy(dx)
+        softer.simulator_ = nominal().with_parameters([1.0, 0.8, -12.0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            assert softer.score(1e9 * np.tile(u, 20), np.tile(y, 20)) == DIVERGED_SCORE
+
     def test_clone_and_pickle(self, cubic):
         dx, u, _, _ = cubic
         again = pickle.loads(pickle.dumps(dx))

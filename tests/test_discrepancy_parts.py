@@ -571,7 +571,8 @@ def test_where_nothing_is_named_it_is_told_that_an_output_moved(moved):
     diagnosis = SimpleNamespace(problem=problem, refitted=fit(problem, model, iterations=3))
     segments = pd.DataFrame({"share": [0.1, 0.8], "start_s": [0.0, 35.0], "stop_s": [10.0, 60.0]})
     location = SimpleNamespace(segments=segments)
-    said = what_is_left(SimpleNamespace(verdict_="refit", _diagnosis=diagnosis, location_=location))
+    conclusion = SimpleNamespace(diagnosis=diagnosis)
+    said = what_is_left(SimpleNamespace(verdict_="refit", conclusion_=conclusion, location_=location))
     assert ("of position is left (root mean square, most of it from 35 s to 60 s)" in said) == moved
 
 

@@ -203,7 +203,7 @@ class TestLookAlikes:
         found = DiscrepancyRegressor(simulator, effects=effects, random_state=0).fit(u, y)
         assert found.findings_[0].effect == "sensor_clip"
         assert "stuck_sensor" in found.findings_[0].lookalikes
-        fitted = {c.effects[0].effect.code: c for c in found._diagnosis.steps[0].candidates}
+        fitted = {c.effects[0].effect.code: c for c in found.conclusion_.diagnosis.steps[0].candidates}
         clip, stuck = fitted["sensor_clip"], fitted["stuck_sensor"]
         assert stuck.fit.cost < clip.fit.cost + 4.0
         assert stuck.criterion > clip.criterion + 3.0 * np.log(clip.n_samples)

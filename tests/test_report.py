@@ -173,7 +173,8 @@ def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
     told = copy(dx)
     told.findings_ = [replace(dx.findings_[0], during=(10.0, 25.5)), *dx.findings_[1:]]
     sign = Sign("bursts", "It comes in bursts.", 1e-6)
-    told._diagnosis = replace(dx._diagnosis, against_noise=(sign,))
+    diagnosis = replace(dx.conclusion_.diagnosis, against_noise=(sign,))
+    told.conclusion_ = replace(dx.conclusion_, diagnosis=diagnosis)
     text = " ".join(Page(render_report(told, u, y)).text)
     assert f"{dx.findings_[0].place}, from 10 s to 25.5 s" in text
     assert "What these leave is no noise. It comes in bursts." in text
@@ -269,7 +270,8 @@ def test_what_held_out_data_spoke_against_is_told_and_drawn_as_it_was_scored(cas
     """The corrected simulation then has refitted parameters alone; the scores are of what was tried."""
     dx, u, y = case
     refuted = copy(dx)
-    refuted._corrected, refuted.verdict_ = dx.refitted_simulator_, "unknown"
+    refuted.conclusion_ = replace(dx.conclusion_, corrected=dx.refitted_simulator_)
+    refuted.verdict_ = "unknown"
     (part,) = gather(refuted, u, y).held_out
     errors = y[part.rows][part.n_init :] - part.y["augmented"][part.n_init :, 0]
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(dx.scores_["rmse"]["augmented"], rel=1e-9)
@@ -319,7 +321,8 @@ def scores(**errors):
     finding = SimpleNamespace(title="a curve", place="on the output y", when="", lookalikes=(), modelled=True)
     table = pd.DataFrame({"nrmse": errors})
     apart = SimpleNamespace(steps_miss=False, record_misleads=False)
-    return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table, _diagnosis=apart)
+    conclusion = SimpleNamespace(diagnosis=apart, leaves_all_out=False)
+    return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table, conclusion_=conclusion)
 
 
 @pytest.mark.parametrize(

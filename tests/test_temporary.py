@@ -176,8 +176,8 @@ def test_models_and_experiments_take_what_lasts(found):
     assert not model.phi
     error = free_run(model, u, plain[:2]).y[10:, 0] - plain[10:, 0]
     assert np.std(error) < 0.02 * np.std(plain)
-    rivals = find_rivals(found._diagnosis, ["coulomb_friction", "viscous_damping"])
-    rivals = as_simulators(rivals, set(), found._diagnosis.problem)
+    rivals = find_rivals(found.conclusion_.diagnosis, ["coulomb_friction", "viscous_damping"])
+    rivals = as_simulators(rivals, set(), found.conclusion_.diagnosis.problem)
     assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
 
 

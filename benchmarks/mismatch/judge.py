@@ -46,12 +46,12 @@ def diagnose(case: Case, **settings) -> Outcome:
     chosen = {"test_fraction": 0.0, "n_jobs": 1, **case.settings, **settings}
     train = case.train
     dx = DiscrepancyRegressor(case.simulator, **chosen).fit(train.u, train.y, sessions=train.sessions)
-    problem = dx._diagnosis.problem
+    problem = dx.conclusion_.diagnosis.problem
     simulator = problem.simulator
     models = {
-        "nominal": dx._diagnosis.nominal.model,
-        "refitted": _fitted_to_free_run(problem, dx._diagnosis.refitted.model),
-        "augmented": _fitted_to_free_run(problem, dx._diagnosis.best.fit.model),
+        "nominal": dx.conclusion_.diagnosis.nominal.model,
+        "refitted": _fitted_to_free_run(problem, dx.conclusion_.diagnosis.refitted.model),
+        "augmented": _fitted_to_free_run(problem, dx.conclusion_.diagnosis.best.fit.model),
     }
     seconds = time.perf_counter() - started
     rmse = {name: {} for name in case.tests}

@@ -70,7 +70,7 @@ def tell_diagnosis(
     """Fit, and write what was asked for: words, JSON, the report."""
     y = recording.y.iloc[:, 0] if recording.y.shape[1] == 1 else recording.y
     with progress(WITH_REPORT, quiet=options.quiet) as begin:
-        dx._tell = begin  # type: ignore  # an estimator tells its stages by this method
+        dx.set_params(verbose=begin)
         dx.fit(recording.u, y, sessions=recording.sessions)
         page = _page(dx, recording, y, begin, title=title, source=source) if options.report else None
     say(dx.report_, beside=options.json == "-")

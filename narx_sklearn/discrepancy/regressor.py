@@ -2,12 +2,10 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
@@ -15,17 +13,16 @@ from narx_sklearn._progress import progress
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import column_labels, session_slices
 from narx_sklearn.discrepancy.as_narx import identify_narx
+from narx_sklearn.discrepancy.columns import chosen_columns
+from narx_sklearn.discrepancy.conclusion import Conclusion, conclude
 from narx_sklearn.discrepancy.designs import read_column, read_limits
 from narx_sklearn.discrepancy.experiment import design_experiment, middle_of
-from narx_sklearn.discrepancy.extrapolate import Extrapolation, extrapolate
+from narx_sklearn.discrepancy.extrapolate import extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.location import locate, with_invariances
-from narx_sklearn.discrepancy.placed import for_other_records
-from narx_sklearn.discrepancy.records.checks import check_record, still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.checks import check_record
 from narx_sklearn.discrepancy.records.record import (
-    Split,
     check_length,
-    hold_out,
     label_findings,
     pieces_of,
     read_inputs,
@@ -36,34 +33,16 @@ from narx_sklearn.discrepancy.records.record import (
 from narx_sklearn.discrepancy.records.spikes import find_spikes, spikes_as_findings
 from narx_sklearn.discrepancy.records.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.report_text import report_text
-from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.search.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.beginning import begin
-from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis, diagnose
-from narx_sklearn.discrepancy.stages.temporary import are_foreseen, only_where_fitted
-from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
-from narx_sklearn.discrepancy.substeps import mind_steps
-from narx_sklearn.discrepancy.verify import (
-    SURELY,
-    HeldOut,
-    Lead,
-    compared,
-    free_run,
-    initial_state,
-    left_together,
-    on_held_out,
-    score_table,
-    squared_errors,
-    within_reach,
-)
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
+from narx_sklearn.metrics import DIVERGED_SCORE, r2_score_of
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import Effect
-
-SECOND_LOOK = 0.25  # of alpha
 
 
 class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
@@ -106,9 +85,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Seed of the sign flips and of the bootstrap.
     n_jobs : int, optional
         Threads over hypotheses.
-    verbose : int, default=0
+    verbose : int or callable, default=0
         1 shows a progress bar with the stages on standard error, or a line for each stage where that is no
-        terminal.
+        terminal. A function is called with the name of each stage as it begins.
 
     Attributes
     ----------
@@ -148,8 +127,13 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Mistakes in the record itself that should be mended first.
     report_ : str
         All of it in words.
+    conclusion_ : Conclusion
+        What all this was made from, as the modules of this package know it: the diagnosis with all that was
+        tried, and what held-out samples said.
     n_features_in_ : int
-        Number of input columns.
+        Number of inputs.
+    feature_names_in_ : ndarray of str
+        Labels of their columns, where ``X`` has such.
 
     Examples
     --------
@@ -228,57 +212,33 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             indexes, and times that go back are refused.
         """
         self._check_settings()
-        with single_threaded_blas(), self._shown_stages():
-            return self._fit(X, y, sessions)
+        with single_threaded_blas(), self._shown_stages() as tell:
+            return self._fit(X, y, sessions, tell)
 
-    def _fit(self, X, y, sessions):
-        effects = read_effects(self.effects, self.exclude)
+    def _fit(self, X, y, sessions, tell: Callable[[str], None]):
         simulator = self.simulator
         if not simulator.inputs:  # a trace that waits for the inputs that led to it
             simulator = simulator.identified(X, sessions=sessions)
         u, measured = read_record(X, y, simulator)
         check_length(simulator, u, measured, sessions, self.test_fraction)
         _check_motion(measured)
-        self.data_findings_ = label_findings(X, y, simulator, sessions)
-        self._tell("check of the record")
+        of_record = label_findings(X, y, simulator, sessions)
+        tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
         check_length(simulator, u, measured, sessions, self.test_fraction)  # a twin's states are known now
-        self.data_findings_ += check_record(simulator, u, measured, sessions, self.n_jobs)
+        of_record += check_record(simulator, u, measured, sessions, self.n_jobs)
         steps = measured_steps(measured)
-        self.data_findings_ += steps_as_findings(steps, simulator.outputs)
-        if np.isfinite(steps).any():  # seen in the values themselves, so it need not be looked for
-            effects = tuple(effect for effect in effects if effect.code != "quantisation")
-        settings = Settings(
-            effects=effects,
-            alpha=float(self.alpha),
-            max_effects=int(self.max_effects),
-            n_leaders=int(self.n_leaders),
-            window=self.window,
-            random_state=self.random_state,
-            n_jobs=self.n_jobs,
-            tell=self._tell,
-        )
-        spikes = self._spikes(simulator, u, measured, sessions, settings)
-        self.data_findings_ += spikes_as_findings(spikes, simulator.outputs)
+        of_record += steps_as_findings(steps, simulator.outputs)
+        settings = self._settings(tell, rounded=bool(np.isfinite(steps).any()))
+        spikes = _find_spikes(simulator, u, measured, sessions, settings)
+        of_record += spikes_as_findings(spikes, simulator.outputs)
         measured = np.where(spikes, np.nan, measured)
+        conclusion = conclude(simulator, u, measured, sessions, settings, of_record)
+        self._store(conclusion, tell)
         self._one_output = np.ndim(y) == 1
-        self.n_features_in_ = u.shape[1]
-        labels = column_labels(X)
-        if labels is not None and all(isinstance(label, str) for label in labels):
-            self.feature_names_in_ = np.array(labels, dtype=object)
         self._mean_input = np.nanmean(u, axis=0)
         self._middle_input = middle_of(u)
-        of_record = self.data_findings_
-        diagnosis = self._diagnosed(simulator, u, measured, sessions, settings)
-        self._conclude(diagnosis, u, measured, sessions, of_record)
-        if self._left_there > STANDS_IN and not self._late_only:
-            self._tell("a second look: what these names lack may show at the end only")
-            before = self.__dict__.copy()
-            second = self._second_look(simulator, u, measured, sessions, settings)
-            if second.is_named:
-                self._conclude(second, u, measured, sessions, of_record)
-            if self.verdict_ == "unknown":
-                self.__dict__.update(before)
+        self._store_columns(X)
         return self
 
     def predict(self, X, y_init=None, sessions=None):
@@ -329,31 +289,31 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         return y[:, 0] if self._one_output else y
 
     def score(self, X, y, sessions=None):
-        """Return R^2 of the corrected simulation's free run.
+        """Return R^2 of the corrected simulation's free run, the mean over the outputs.
 
-        The first samples of each session (as many as fix the initial state) are not scored. Where the machine
-        is unstable, runs begin anew before they lose it. A run that leaves the finite range scores -inf.
+        The first samples of each session (as many as fix the initial state) are not scored, and the spread is
+        about the mean of each stretch. Where the machine is unstable, runs begin anew before they lose it. An
+        output that does not move there scores 1 where it is met exactly, else 0; a run that leaves the finite
+        range scores -1e6, which searches can rank.
         """
         check_is_fitted(self)
         u, measured = read_record(X, y, self.simulator_)
         warn_of_step(X, self.simulator_, sessions)
+        found = self.conclusion_
+        n_init, guess = found.n_init, found.guesses["augmented"]
         errors, spread = 0.0, 0.0
-        n_init = self._n_init
-        for piece, began in within_reach(pieces_of(u, sessions), n_init, self._diagnosis.followed_for):
+        for piece, began in within_reach(pieces_of(u, sessions), n_init, found.diagnosis.followed_for):
             if piece.stop - piece.start <= n_init + 1:
                 continue
-            y_piece = measured[piece]
-            run = free_run(self.simulator_, u, measured, piece, began, n_init, self._guess)
-            error = (y_piece - run.y)[n_init:]
-            if np.isnan(run.y).any():
-                return -np.inf
-            errors = errors + np.nansum(error**2, axis=0)
-            spread = spread + np.nansum(
-                (y_piece[n_init:] - np.nanmean(y_piece[n_init:], axis=0)) ** 2, axis=0
-            )
+            y_piece = measured[piece][n_init:]
+            simulated = free_run(self.simulator_, u, measured, piece, began, n_init, guess).y[n_init:]
+            if np.isnan(simulated).any():
+                return DIVERGED_SCORE
+            errors = errors + np.nansum((y_piece - simulated) ** 2, axis=0)
+            spread = spread + np.nansum((y_piece - np.nanmean(y_piece, axis=0)) ** 2, axis=0)
         if np.ndim(errors) == 0:
             raise ValueError(f"No session is longer than the {n_init} samples that fix the initial state.")
-        return float(np.mean(1 - errors / np.where(spread > 0, spread, np.nan)))
+        return r2_score_of(np.asarray(errors), np.asarray(spread))
 
     def next_experiment(self, amplitude, n_samples, between=None, *, offset=None, rate=None, column=0):
         """Design the input that best separates what these data could not tell apart.
@@ -395,7 +355,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             explanations are at hand; if no input alone keeps the simulation in range.
         """
         check_is_fitted(self)
-        diagnosis = self._diagnosis
+        diagnosis = self.conclusion_.diagnosis
         simulator = diagnosis.problem.simulator
         if offset is None:
             offset = self._middle_input[read_column(simulator, column)]
@@ -440,50 +400,21 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------------------
 
-    def _spikes(self, simulator: Simulator, u, y, sessions, settings: Settings) -> np.ndarray:
-        """Tell which samples, (n_samples, n_outputs), are no measurements."""
-        pieces = pieces_of(u, sessions)
-
-        def left_by_refit() -> np.ndarray:
-            problem, refitted, *_ = begin(simulator, u, y, pieces, settings)
-            return y - problem.run(refitted.model).y
-
-        return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
-
-    def _diagnosed(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
-        """Return the diagnosis, that of the second look where only it finds something missing, or a law."""
-        self._late_only = False
-        fitting, held_out = self._split(u, sessions)
-        first = diagnose(simulator, u, y, fitting, settings)
-        no_law = first.unforeseen is not None and first.steps[0].detection.p_value > settings.alpha
-        if (first.verdict not in NOTHING_MISSING and not no_law) or not held_out:
-            return first
-        self._tell("a second look, at the samples held out")
-        second = self._second_look(simulator, u, y, sessions, settings)
-        is_law = second.unforeseen is None or not no_law
-        self._late_only = second.verdict not in NOTHING_MISSING and is_law
-        return second if self._late_only else first
-
-    def _second_look(self, simulator: Simulator, u, y, sessions, settings: Settings) -> Diagnosis:
-        """Return the diagnosis of a record whose beginning is held out, in place of its end."""
-        self._late_only = True
-        settings = replace(settings, alpha=SECOND_LOOK * settings.alpha)
-        return diagnose(simulator, u, y, self._split(u, sessions).fitting, settings)
-
-    def _conclude(self, diagnosis: Diagnosis, u, y, sessions, of_record) -> None:
-        """Store a diagnosis, and of what was found in the record itself what still stands beside it."""
-        best = diagnosis.best.fit.model
-        standing = still_standing(of_record, diagnosis.problem, diagnosis.refitted.model, best)
-        diagnosis, of_steps = mind_steps(diagnosis, self.n_jobs)
-        self.data_findings_ = [*standing, *of_steps]
-        if diagnosis.is_named and to_be_mended(standing, best.effects):
-            diagnosis = replace(diagnosis, verdict="unknown", record_misleads=True)
-        self._store(diagnosis, u, y, self._split(u, sessions).held_out)
-
-    @property
-    def _nearest(self) -> int:
-        """Window next to what was held out."""
-        return 0 if self._late_only else -1
+    def _settings(self, tell: Callable[[str], None], *, rounded: bool) -> Settings:
+        """Return what is asked for; rounded values show in themselves, and need not be looked for."""
+        effects = read_effects(self.effects, self.exclude)
+        return Settings(
+            effects=tuple(e for e in effects if not (rounded and e.code == "quantisation")),
+            alpha=float(self.alpha),
+            max_effects=int(self.max_effects),
+            n_leaders=int(self.n_leaders),
+            window=self.window,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            tell=tell,
+            level=float(self.level),
+            test_fraction=float(self.test_fraction),
+        )
 
     def _check_settings(self) -> None:
         if not isinstance(self.simulator, Simulator):
@@ -503,6 +434,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             raise ValueError(f"test_fraction must lie in [0, 0.9), got {self.test_fraction!r}.")
         for name, least in (("max_effects", 1), ("n_leaders", 1), ("verbose", 0)):
             value = getattr(self, name)
+            if name == "verbose" and callable(value):
+                continue
             if not isinstance(value, Integral) or (isinstance(value, bool) and name != "verbose"):
                 raise TypeError(f"{name} must be an integer of at least {least}, got {value!r}.")
             if value < least:
@@ -521,27 +454,26 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         """Return the effects of the list that was given, which need not be in the catalogue."""
         return () if isinstance(self.effects, str) else read_effects(self.effects)
 
-    def _split(self, u, sessions) -> Split:
-        """Hold out the ends of the pieces, or the beginnings where something shows at the ends only."""
-        return hold_out(pieces_of(u, sessions), self.test_fraction, beginnings=self._late_only)
-
-    def _store_fit(self, diagnosis: Diagnosis) -> None:
-        """Store what was found on the fitting windows, and where."""
-        self._diagnosis = diagnosis
-        self.verdict_ = diagnosis.verdict
+    def _store(self, conclusion: Conclusion, tell: Callable[[str], None]) -> None:
+        """Store a conclusion, and what it says of the machine."""
+        diagnosis = conclusion.diagnosis
+        simulator = diagnosis.problem.simulator
+        self.conclusion_ = conclusion
+        self.verdict_ = conclusion.verdict
+        self.data_findings_ = list(conclusion.of_record)
         self.p_value_ = diagnosis.p_missing
-        fit, problem = diagnosis.best.fit, diagnosis.problem
-        simulator = problem.simulator
-        self.refitted_simulator_ = simulator.with_parameters(diagnosis.refitted.model.p)
-        corrected = simulator.with_parameters(fit.model.p).with_effects(fit.model.effects)
-        self._corrected = simulator if diagnosis.verdict == "consistent" else corrected
-        self._n_init = int(max(8 * (len(simulator.states) + 1), min(problem.windows.length // 2, 200)))
-        self._guess = fit.model.x0[self._nearest]
-        self._lead = Lead(problem.windows, fit.model.x0)
         self.parameters_ = self._parameter_table(diagnosis)
-        self._tell("location")
+        self.scores_ = conclusion.scores
+        self.held_out_ = conclusion.held_out
+        self.refitted_simulator_ = conclusion.refitted
+        self.simulator_ = conclusion.for_other_records
+        tell("location")
         self.location_ = locate(diagnosis, self.random_state, self.n_jobs)
+        if conclusion.verdict == "unknown" and diagnosis.unforeseen is None:
+            self.location_ = with_invariances(self.location_, diagnosis)
         self.findings_ = make_findings(diagnosis, self.level, simulator, self.location_)
+        nothing = confidence_in_nothing(diagnosis.p_missing)
+        self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         noise = diagnosis.noise
         self.noise_ = {
             str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
@@ -552,118 +484,20 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 strict=True,
             )
         }
-        nothing = confidence_in_nothing(diagnosis.p_missing)
-        self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
-
-    def _store(self, diagnosis: Diagnosis, u, y, held_out) -> None:
-        """Store a diagnosis and what held-out samples say of it, and take back what they refute."""
-        self._store_fit(diagnosis)
-        self._tell("verification on held-out samples")
-        self.scores_ = self._verify(u, y, held_out)
-        held = self._on_held_out(held_out) if self.findings_ else None
-        best = diagnosis.best
-        self._left_there = self._left_over_there(held) if held else 1.0
-        self._not_confirmed = held is not None and held.is_silent(best.fit.cost / best.n_samples)
-        if held and self._harms(held) and not self._serves_without_drifts(u, y, held_out):
-            # what began may have ended since; an offset would have stayed
-            ended = only_where_fitted(diagnosis.problem, best)
-            milder = diagnosis.as_drift if ended is None else replace(diagnosis, best=ended)
-            if milder is not None:
-                self._store(milder, u, y, held_out)
-                return
-            # what was found makes held-out samples worse: it is not used, and is no explanation, unless it
-            # drifts, or acted when the fit ended: nobody can foresee its course, or when it ends
-            self._corrected = self.refitted_simulator_
-            if self.findings_[0].effect != DRIFT and not best.given:
-                self.verdict_ = "unknown"
-        elif self._left_there > STANDS_IN:
-            self.verdict_ = "unknown"
-        if self.verdict_ == "unknown" and diagnosis.unforeseen is None:
-            self.location_ = with_invariances(self.location_, diagnosis)
-        self.simulator_ = self._corrected.with_effects(for_other_records(self._corrected.effects))
-        self._extrapolation = self._extrapolate()
+        corrected = (diagnosis.best.fit if conclusion.corrected.effects else diagnosis.refitted).model
+        self._extrapolation = extrapolate(diagnosis, corrected, self.level, self.random_state, self.n_jobs)
         self.extrapolation_ = self._extrapolation.scores
         self.report_ = report_text(self)
 
-    def _verify(self, u, y, held_out) -> pd.DataFrame:
-        n_init, reach = self._n_init, self._diagnosis.followed_for
-        long_enough = _longer_than(2 * n_init, held_out)
-        if not long_enough:
-            n_init = 4 * (len(self._corrected.states) + 1)
-            long_enough = _longer_than(2 * n_init, held_out)
-        long_enough = within_reach(long_enough, n_init, reach)
-        rows = [(piece.start, piece.start + n_init, piece.stop) for piece, _ in long_enough]
-        self.held_out_ = pd.DataFrame(rows, columns=["start", "scored_from", "stop"], dtype=int)
-        if not long_enough:
-            return pd.DataFrame()
-        guesses = {
-            "nominal": self._diagnosis.nominal.model.x0[self._nearest],
-            "refitted": self._diagnosis.refitted.model.x0[self._nearest],
-            "augmented": self._guess,
-        }
-        errors = squared_errors(compared(self), u, y, long_enough, n_init, guesses, {"augmented": self._lead})
-        spread = np.nanstd(np.concatenate([y[piece] for piece, _ in long_enough]), axis=0)
-        return score_table(errors, spread, self.level, self.random_state)
-
-    def _serves_without_drifts(self, u, y, held_out) -> bool:
-        """Leave drifts of outputs out of the corrected simulation, if what is beside them then does no harm.
-
-        Nobody can foresee their course, which says nothing of what was found beside them.
-        """
-        whole, scores, held_pieces = self._corrected, self.scores_, self.held_out_
-        foreseen = tuple(effect for effect in whole.effects if not is_drift(effect))
-        if not foreseen or len(foreseen) == len(whole.effects):
-            return False
-        self._corrected = whole.with_effects(foreseen)
-        self.scores_ = self._verify(u, y, held_out)
-        if not self._harms(self._on_held_out(held_out)):
-            return True
-        self._corrected, self.scores_, self.held_out_ = whole, scores, held_pieces
-        return False
-
-    def _extrapolate(self) -> Extrapolation:
-        """Return how the corrected simulation does where the machine moves farther than it was fitted."""
-        diagnosis = self._diagnosis
-        corrected = (diagnosis.best.fit if self._corrected.effects else diagnosis.refitted).model
-        return extrapolate(diagnosis, corrected, self.level, self.random_state, self.n_jobs)
-
-    def _on_held_out(self, held_out) -> HeldOut:
-        found = self._diagnosis
-        guesses = (found.refitted.model.x0[self._nearest], self._guess)
-        simulators = (self.refitted_simulator_, self._corrected)
-        return on_held_out(found.problem, *simulators, held_out, guesses, self._lead)
-
-    def _harms(self, held: HeldOut) -> bool:
-        """Tell whether the corrected simulation is worse on held-out samples, or leaves all range.
-
-        Surely worse, or no better where it should be by far. What explains nothing must not make a whole run
-        worse either.
-        """
-        if not self.scores_.empty:
-            errors = self.scores_["nrmse"]
-            if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
-                return True
-            if self.verdict_ == "unknown" and self.scores_["removed_high"]["augmented"] < 0:
-                return True
-        best = self._diagnosis.best
-        # what the uncertainty of its parameters costs on other samples is no harm
-        unit = best.fit.cost / best.n_samples
-        by_chance = chi2.isf(0.01, best.fit.model.q.size) * unit
-        surely = max(SURELY * np.sqrt(np.sum(held.less**2)), by_chance)
-        harmful = np.all(np.isfinite(held.less)) and held.less.sum() < -surely
-        return bool(harmful) or held.is_belied(unit)
-
-    def _left_over_there(self, held: HeldOut) -> float:
-        """Return what names leave of held-out samples over what they leave elsewhere; 1 if none can tell.
-
-        What is little beside all that they explain is no more than a form, or a machine that has warmed up.
-        """
-        diagnosis, best = self._diagnosis, self._diagnosis.best
-        usual = best.fit.cost / best.n_samples
-        if not (best.effects and are_foreseen(best.effects) and STANDS_IN * usual < held.left < np.inf):
-            return 1.0
-        there, elsewhere = left_together(diagnosis.problem, best.fit, held)
-        return there / elsewhere if there > UNEXPLAINED * held.without else 1.0
+    def _store_columns(self, X) -> None:
+        """Store the number of inputs, and the names of their columns where X has them."""
+        inputs = self.simulator_.inputs
+        self.n_features_in_ = len(inputs)
+        labels = column_labels(chosen_columns(X, inputs, "X", "input"))
+        if labels is not None and all(isinstance(label, str) for label in labels):
+            self.feature_names_in_ = np.array(labels, dtype=object)
+        elif hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         simulator = diagnosis.problem.simulator
@@ -689,22 +523,15 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         )
 
     @contextmanager
-    def _shown_stages(self) -> Iterator[None]:
-        """Show the stages that `_tell` is told of, where that was asked for."""
-        if not self.verbose:
-            yield
-            return
-        with progress(STAGES, quiet=False, lines="[narx_sklearn] ") as show:
-            self._show = show
-            try:
-                yield
-            finally:
-                del self._show
-
-    def _tell(self, stage: str) -> None:
-        show: Callable[[str], None] | None = getattr(self, "_show", None)
-        if show is not None:
-            show(stage)
+    def _shown_stages(self) -> Iterator[Callable[[str], None]]:
+        """Yield what is to be told of each stage, by which it is shown where that was asked for."""
+        if callable(self.verbose):
+            yield self.verbose
+        elif not self.verbose:
+            yield lambda stage: None
+        else:
+            with progress(STAGES, quiet=False, lines="[narx_sklearn] ") as show:
+                yield show
 
 
 def _way_in(given) -> str:
@@ -721,6 +548,17 @@ def _way_in(given) -> str:
     )
 
 
+def _find_spikes(simulator: Simulator, u, y, sessions, settings: Settings) -> np.ndarray:
+    """Tell which samples, (n_samples, n_outputs), are no measurements."""
+    pieces = pieces_of(u, sessions)
+
+    def left_by_refit() -> np.ndarray:
+        problem, refitted, *_ = begin(simulator, u, y, pieces, settings)
+        return y - problem.run(refitted.model).y
+
+    return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
+
+
 def _check_motion(y: np.ndarray) -> None:
     largest, smallest = np.nanmax(y, axis=0, initial=-np.inf), np.nanmin(y, axis=0, initial=np.inf)
     if not np.any(largest > smallest):
@@ -728,7 +566,3 @@ def _check_motion(y: np.ndarray) -> None:
             "No output of y moves: what is constant, or missing throughout, cannot be compared with a "
             "simulation. Pass a record in which the machine moves."
         )
-
-
-def _longer_than(n: int, pieces: list[tuple[slice, int]]) -> list[tuple[slice, int]]:
-    return [(piece, began) for piece, began in pieces if piece.stop - piece.start > n]

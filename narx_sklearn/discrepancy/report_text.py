@@ -39,9 +39,9 @@ def report_text(dx) -> str:
 
 def verdict_sentence(dx) -> str:
     """Return what a verdict says."""
-    if dx.verdict_ == "unknown" and dx._diagnosis.steps_miss:
+    if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.steps_miss:
         return "What the simulation misses may be the error of its own integration steps."
-    if dx.verdict_ == "unknown" and dx._diagnosis.record_misleads:
+    if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.record_misleads:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
     other = what_is_no_law(dx)
     return f"{other}." if other else VERDICTS[dx.verdict_]
@@ -75,7 +75,7 @@ def _twin(dx) -> list[str]:
         f"{_listed(dx.simulator_.states)}; it misses {_percent(error)} of the spread of held-out simulated "
         "output.",
     ]
-    if dx._diagnosis.twin_misses_more:
+    if dx.conclusion_.diagnosis.twin_misses_more:
         lines.append("What was found in its equations explains less than that, so it is not believed.")
     return [*lines, ""]
 
@@ -131,11 +131,11 @@ def what_is_left(dx) -> str:
     if not any(finding.modelled for finding in dx.findings_):
         return ""
     words = []
-    if against := dx._diagnosis.against_noise:
+    if against := dx.conclusion_.diagnosis.against_noise:
         words += ["What these leave is no noise.", *(sign.words for sign in against)]
-    if dx._left_there > STANDS_IN:
+    if (left_there := dx.conclusion_.left_there) > STANDS_IN:
         words.append(
-            f"Even fitted to the held-out samples too, these leave {rounded(dx._left_there)} times as much "
+            f"Even fitted to the held-out samples too, these leave {rounded(left_there)} times as much "
             "there as elsewhere (mean square): they stand in for something else, or the machine has changed."
         )
     return " ".join(words)
@@ -143,8 +143,8 @@ def what_is_left(dx) -> str:
 
 def _what_wanders(dx) -> str:
     """Return that more is left of an output than its noise leaves, where that comes back to a level."""
-    problem = dx._diagnosis.problem
-    left = problem.left_over(dx._diagnosis.refitted.model)
+    problem = dx.conclusion_.diagnosis.problem
+    left = problem.left_over(dx.conclusion_.diagnosis.refitted.model)
     left = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(problem.seen.sum(axis=(0, 1)), 1))
     noise = np.array([problem.noise.deviation(output) for output in range(left.size)])
     worst = int(np.argmax(left / noise))
@@ -171,17 +171,17 @@ def what_it_is_like(dx) -> str:
     readings = table["reading"][table["value"].notna() & (table["reading"] != NOT_TOLD)]
     if not len(readings):
         return ""
-    where = port_in_words(dx.location_.likeliest, dx._diagnosis.problem.simulator)
+    where = port_in_words(dx.location_.likeliest, dx.conclusion_.diagnosis.problem.simulator)
     x, v, u = against
     return f"Seen as an unknown signal {where}, with x = {x}, v = {v} and u = {u}: {'; '.join(readings)}."
 
 
 def what_adds_up(dx) -> str:
     """Return how much more a whole held-out run leaves than the windows of the fit; empty where not much."""
-    if dx.scores_.empty or not dx._corrected.effects:
+    if dx.scores_.empty or not dx.conclusion_.corrected.effects:
         return ""
-    problem = dx._diagnosis.problem
-    left = problem.left_over(dx._diagnosis.best.fit.model)
+    problem = dx.conclusion_.diagnosis.problem
+    left = problem.left_over(dx.conclusion_.diagnosis.best.fit.model)
     in_windows = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(problem.seen.sum(axis=(0, 1)), 1))
     whole = dx.scores_.filter(regex="^rmse").loc["augmented"].to_numpy(dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -201,7 +201,7 @@ def what_adds_up(dx) -> str:
 
 def what_is_not_confirmed(dx) -> str:
     """Return that held-out samples do not tell of what was found; empty where they do."""
-    if not (dx._not_confirmed and dx._corrected.effects):
+    if not (dx.conclusion_.is_silent and dx.conclusion_.corrected.effects):
         return ""
     return (
         "What was found changes next to nothing of the held-out samples, which neither confirm nor refute it."
@@ -230,7 +230,7 @@ def _parameters(dx) -> list[str]:
 def about_parameters(dx) -> list[str]:
     """Return what is to be said of the simulation's own parameters beside their values, in sentences."""
     said = _told_together(dx)
-    if dx._diagnosis.unforeseen is not None:
+    if dx.conclusion_.diagnosis.unforeseen is not None:
         said.insert(0, "Fitted beside what acts by itself, of which a refit alone takes a part into them.")
     return said
 
@@ -240,8 +240,8 @@ def _told_together(dx) -> list[str]:
 
     Parameters of effects are told only beside the simulator's own.
     """
-    fit = dx._diagnosis.best.fit
-    names = [p.name for p in dx._diagnosis.problem.simulator.parameters]
+    fit = dx.conclusion_.diagnosis.best.fit
+    names = [p.name for p in dx.conclusion_.diagnosis.problem.simulator.parameters]
     n_own = len(names)
     for effect in fit.model.effects:
         names += [f"{name} of {effect.effect.code.replace('_', ' ')}" for name in parameter_names(effect)]
@@ -263,7 +263,7 @@ def _scores(dx) -> list[str]:
         return ["No held-out stretch was long enough for a verification.", ""]
     lines = ["Held-out free run (error over the spread of the recording):", *_errors(dx.scores_)]
     lines += [f"   {said}" for said in (what_adds_up(dx), what_is_not_confirmed(dx)) if said]
-    if dx._late_only:
+    if dx.conclusion_.split.beginnings:
         lines.append(
             "   Something that is missing shows near the end only, so the beginning was held out instead."
         )
@@ -274,10 +274,11 @@ def _scores(dx) -> list[str]:
 
 def what_is_left_out(dx) -> str:
     """Return what the corrected simulation leaves out of what was found; empty where it has all of it."""
-    n_used, n_found = len(dx._corrected.effects), len(dx._diagnosis.best.effects)
+    found = dx.conclusion_
+    n_used, n_found = len(found.corrected.effects), len(found.diagnosis.best.effects)
     if dx.verdict_ in NOTHING_MISSING:
         return ""
-    if dx._diagnosis.unforeseen is not None and dx._corrected is dx.refitted_simulator_:
+    if found.diagnosis.unforeseen is not None and found.leaves_all_out:
         return (
             "They are disturbed too, and refitted parameters, which hold a part of that, do better there: "
             "these are what the corrected simulation has."

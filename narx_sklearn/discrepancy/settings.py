@@ -1,7 +1,7 @@
 """What a diagnosis is asked to do."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from narx_sklearn.physics.effects import CATALOGUE, Effect
@@ -13,14 +13,23 @@ STAGES = {  # share of the time, in per cent, that has usually passed when a sta
     "search for missing physics": 35,
     "search again, under the noise that the best explanation leaves": 55,
     "rivals and unnamed curves": 73,
-    "location": 82,
-    "verification on held-out samples": 84,
+    "verification on held-out samples": 82,
+    "location": 92,
 }
+
+
+SECOND_LOOK = 0.25  # of alpha
+IN_PART = 0.5  # of alpha, for what acts for a while
+NAMELESS = 0.5  # of alpha, for what has no name, and for what follows no signal
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a diagnosis is asked to do."""
+    """What a diagnosis is asked to do.
+
+    The chance ``alpha`` of a false alarm is for the search for names all through the record; other searches
+    are allowed shares of it.
+    """
 
     effects: tuple
     alpha: float
@@ -30,6 +39,22 @@ class Settings:
     random_state: Any
     n_jobs: int | None
     tell: Callable[[str], None]
+    level: float = 0.9
+    test_fraction: float = 0.2
+
+    @property
+    def alpha_in_part(self) -> float:
+        """Chance that is allowed to what acts for a while."""
+        return IN_PART * self.alpha
+
+    @property
+    def alpha_nameless(self) -> float:
+        """Chance that is allowed to what is no noise but has no name, and to what follows no signal."""
+        return NAMELESS * self.alpha
+
+    def for_second_look(self) -> "Settings":
+        """Return what a second look at a record is asked to do."""
+        return replace(self, alpha=SECOND_LOOK * self.alpha)
 
 
 def read_effects(effects, exclude=()) -> tuple[Effect, ...]:

@@ -9,7 +9,6 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import that_recur
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
 
@@ -18,37 +17,6 @@ DRAWS = 1000  # of blocks, for intervals
 SURELY = 1.64  # standard errors
 SEEN = 4.0  # noise variances by which a correction must change held-out samples, for them to tell anything
 BELIED = 2.33  # standard errors, that what is right may be off by in one of a hundred cases
-
-
-def compared(dx) -> dict[str, Simulator]:
-    """Return the simulators that a fitted DiscrepancyRegressor compares, by the names of its scores.
-
-    What happened once is left out: it was no sample held out. Where held-out samples spoke against what was
-    found, it is compared all the same, though the corrected simulation leaves it out.
-    """
-    tried, nominal = dx._corrected, dx._diagnosis.problem.simulator
-    if leaves_all_out(dx):
-        model = dx._diagnosis.best.fit.model
-        tried = nominal.with_parameters(model.p).with_effects(model.effects)
-    return {
-        "nominal": nominal,
-        "refitted": dx.refitted_simulator_,
-        "augmented": tried.with_effects(that_recur(tried.effects)),
-    }
-
-
-def leaves_all_out(dx) -> bool:
-    """Tell whether a fitted DiscrepancyRegressor took back what it found, and corrects by a refit alone."""
-    return dx._corrected is dx.refitted_simulator_
-
-
-def guesses(dx) -> dict[str, np.ndarray]:
-    """Return the initial states from which those of held-out runs are fitted, by the names of the scores."""
-    return {
-        "nominal": dx._diagnosis.nominal.model.x0[dx._nearest],
-        "refitted": dx._diagnosis.refitted.model.x0[dx._nearest],
-        "augmented": dx._guess,
-    }
 
 
 class FreeRun(NamedTuple):

@@ -5,7 +5,7 @@ import pandas as pd
 
 from narx_sklearn._validation import as_signals, check_same_length
 from narx_sklearn.discrepancy.records.record import pieces_of, read_inputs, read_outputs
-from narx_sklearn.discrepancy.verify import compared, free_run, guesses, scored_stretches
+from narx_sklearn.discrepancy.verify import free_run
 from narx_sklearn.displays._style import (
     BLUE,
     GREEN,
@@ -100,24 +100,26 @@ class BeforeAfterDisplay:
                 f"{type(estimator).__name__} holds no refitted simulation; pass a fitted "
                 "DiscrepancyRegressor, or use BeforeAfterDisplay.from_predictions(y_true, runs)."
             )
-        simulators = compared(estimator) | {"augmented": estimator.simulator_}
+        simulators = estimator.conclusion_.simulators | {"augmented": estimator.simulator_}
         u = read_inputs(X, estimator.simulator_)
         measured = read_outputs(y, estimator.simulator_)
         check_same_length(X=u, y=measured, sessions=sessions)
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")
         runs = {name: np.full(len(u), np.nan) for name in simulators}
-        reach, n_states = estimator._diagnosis.followed_for, len(estimator.simulator_.states)
-        stretches = scored_stretches(pieces_of(u, sessions), estimator._n_init, reach, n_states)
+        stretches = estimator.conclusion_.stretches_of(pieces_of(u, sessions))
         if not stretches:
+            n_states = len(estimator.simulator_.states)
             raise ValueError(
                 f"The recording has no stretch without gaps of more than {8 * (n_states + 1)} samples: half "
                 "of them fix an initial state. Pass a longer one."
             )
-        begin = guesses(estimator)
+        begin = estimator.conclusion_.guesses
         for stretch in stretches:
             for name, simulator in simulators.items():
-                run = free_run(simulator, u, measured, *stretch, begin[name]).y
+                run = free_run(
+                    simulator, u, measured, stretch.rows, stretch.began, stretch.n_init, begin[name]
+                ).y
                 runs[name][stretch.scored] = run[stretch.n_init :, output]
         simulator = estimator.simulator_
         display = cls(

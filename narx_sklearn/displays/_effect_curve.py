@@ -86,11 +86,12 @@ class EffectCurveDisplay:
         ValueError
             If nothing was added, or no such effect.
         """
-        diagnosis = getattr(estimator, "_diagnosis", None)
-        if diagnosis is None:
+        conclusion = getattr(estimator, "conclusion_", None)
+        if conclusion is None:
             raise TypeError(
                 f"{type(estimator).__name__} holds no diagnosis; pass a fitted DiscrepancyRegressor."
             )
+        diagnosis = conclusion.diagnosis
         best = diagnosis.best
         added = best.effects
         if not 0 <= effect < len(added):

@@ -85,12 +85,13 @@ class LocationDisplay:
         ValueError
             If there is no such output.
         """
-        diagnosis = getattr(estimator, "_diagnosis", None)
-        if diagnosis is None:
+        conclusion = getattr(estimator, "conclusion_", None)
+        if conclusion is None:
             raise TypeError(
                 f"{type(estimator).__name__} holds no diagnosis; pass a fitted DiscrepancyRegressor, or use "
                 "LocationDisplay.from_predictions(y_true, y_pred)."
             )
+        diagnosis = conclusion.diagnosis
         problem = diagnosis.problem
         simulator = problem.simulator
         if not 0 <= output < len(simulator.outputs):

@@ -35,8 +35,9 @@ from narx_sklearn.identification.procedure import (
 )
 from narx_sklearn.identification.record import Block, Record
 from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
-from narx_sklearn.identification.scoring import DIVERGED_SCORE, FreeRunJudge
+from narx_sklearn.identification.scoring import FreeRunJudge
 from narx_sklearn.identification.selection import search_terms
+from narx_sklearn.metrics import DIVERGED_SCORE
 from narx_sklearn.model.recording import Layout
 from narx_sklearn.model.terms import TermLibrary
 

@@ -6,12 +6,11 @@ import numpy as np
 
 from narx_sklearn._validation import as_signals, check_indexes, check_same_length, session_slices
 from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.metrics import DIVERGED_SCORE, r2_score_of
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 
 __all__ = ["FreeRunJudge", "free_run_score"]
-
-DIVERGED_SCORE = -1e6  # score of a free run that left the finite range: finite, so that searches can rank it
 
 
 def free_run_score(model: NARXModel, X, y, *, sessions=None, sample_weight=None) -> float:
@@ -83,8 +82,4 @@ class FreeRunJudge:
         with np.errstate(over="ignore"):  # an infinite error has the score of a divergence
             error = weight @ (measured - simulated) ** 2
         centred = measured - weight @ measured / weight.sum()
-        scatter = weight @ centred**2
-        # as scikit-learn has it: a constant output is predicted either exactly (1) or not (0)
-        varies = scatter > 0
-        r2 = np.where(varies, 1.0 - error / np.where(varies, scatter, 1.0), np.where(error > 0, 0.0, 1.0))
-        return float(max(r2.mean(), DIVERGED_SCORE))
+        return r2_score_of(error, weight @ centred**2)

@@ -50,7 +50,7 @@ def effect_curves(dx, material: Material) -> list[EffectCurve]:
     stay, and the signal that must enter at its port in its place is estimated by a Kalman smoother, which
     knows nothing of the effect's form.
     """
-    problem = dx._diagnosis.problem
+    problem = dx.conclusion_.diagnosis.problem
     windows, rows = problem.windows, problem.rows[problem.inside]
     rows = rows[np.isfinite(material.after.x[rows]).all(axis=1)]
     thin = rows[_thinned(rows)]

@@ -246,7 +246,7 @@ def _where(dx, material: Material, outputs) -> dict:
         )
     ]
     figures.append(_state_figure(dx, material, column, seen))
-    if dx._diagnosis.unforeseen is not None:
+    if dx.conclusion_.diagnosis.unforeseen is not None:
         figures.append(_course_figure(dx, material))
     unit = material.simulator.outputs[column].unit
     difference = difference_table(t[:last], residual[:last], unit)
@@ -286,7 +286,7 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
 def _course_figure(dx, material: Material) -> dict:
     """Return what follows no signal, along the record."""
     course, (finding,) = dx.location_.force, dx.findings_
-    port = dx._diagnosis.unforeseen.acting.entry.port
+    port = dx.conclusion_.diagnosis.unforeseen.acting.entry.port
     unit = unit_added(port, material.simulator)
     label = name_added(port, material.simulator).removeprefix("added to ")
     label += f" [{unit}]" if unit else ""

@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices
+from narx_sklearn.discrepancy.conclusion import Conclusion
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.records.record import read_record
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
-from narx_sklearn.discrepancy.verify import Stretch, compared, free_run, guesses, scored_stretches
+from narx_sklearn.discrepancy.verify import Stretch, free_run
 
 WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}
 
@@ -67,7 +68,7 @@ def gather(dx, X, y, sessions=None) -> Material:
     Material
     """
     u, measured = (np.array(signals) for signals in read_record(X, y, dx.simulator_))  # may be written to
-    diagnosis = dx._diagnosis
+    diagnosis = dx.conclusion_.diagnosis
     if len(u) != len(diagnosis.problem.u):
         raise ValueError(
             f"The record that was diagnosed has {len(diagnosis.problem.u)} samples, X has {len(u)}. "
@@ -90,19 +91,18 @@ def gather(dx, X, y, sessions=None) -> Material:
         diagnosis.problem.run(candidate.fit.model),
         candidate.fit.model.p,
         candidate.effects,
-        _held_out(dx, u, measured, sessions),
+        _held_out(dx.conclusion_, u, measured),
     )
 
 
-def _held_out(dx, u, y, sessions) -> tuple[HeldOut, ...]:
+def _held_out(conclusion: Conclusion, u, y) -> tuple[HeldOut, ...]:
     """Return the runs that were scored."""
-    pieces, n_states = dx._split(u, sessions).held_out, len(dx._diagnosis.problem.simulator.states)
-    begin, leads = guesses(dx), {"augmented": dx._lead}
+    guesses, leads = conclusion.guesses, conclusion.leads
     found = []
-    for stretch in scored_stretches(pieces, dx._n_init, dx._diagnosis.followed_for, n_states):
+    for stretch in conclusion.stretches:
         runs = {
-            name: free_run(simulator, u, y, *stretch, begin[name], leads.get(name)).y
-            for name, simulator in compared(dx).items()
+            name: free_run(simulator, u, y, *stretch, guesses[name], leads.get(name)).y
+            for name, simulator in conclusion.simulators.items()
         }
         found.append(HeldOut(stretch, runs))
     return tuple(found)
@@ -125,7 +125,7 @@ def adjoining(parts: Sequence[HeldOut]) -> list[list[HeldOut]]:
 
 def noise_left(dx, material: Material) -> Noise:
     """Estimate the colour of what the corrected simulation leaves on the fitting windows."""
-    problem = dx._diagnosis.problem
+    problem = dx.conclusion_.diagnosis.problem
     return estimate_noise(problem.raw(np.nan_to_num(material.y - material.after.y)), problem.seen)
 
 

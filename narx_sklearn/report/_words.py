@@ -9,7 +9,6 @@ import pandas as pd
 from narx_sklearn.analysis.residuals import ResidualTests
 from narx_sklearn.discrepancy.report_text import verdict_sentence, what_is_no_law
 from narx_sklearn.discrepancy.results import p_text
-from narx_sklearn.discrepancy.verify import leaves_all_out
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -80,7 +79,7 @@ def headline(dx) -> str:
             list(dict.fromkeys(name for f in dx.findings_ for name in readable(f.lookalikes))), "or"
         )
         sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
-    elif dx.verdict_ == "unknown" and not (dx._diagnosis.steps_miss or dx._diagnosis.record_misleads):
+    elif dx.verdict_ == "unknown" and not _is_beside_physics(dx):
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if other := what_is_no_law(dx):
             sentence = f"{other}: {names}"
@@ -91,6 +90,12 @@ def headline(dx) -> str:
     else:
         sentence = verdict_sentence(dx).rstrip(".")
     return f"{sentence}{_gain(dx)}."
+
+
+def _is_beside_physics(dx) -> bool:
+    """Tell whether steps of the integration, or mistakes in the record, may be all that is missing."""
+    diagnosis = dx.conclusion_.diagnosis
+    return diagnosis.steps_miss or diagnosis.record_misleads
 
 
 def has_form(dx) -> bool:
@@ -104,7 +109,7 @@ def run_words(dx) -> dict[str, str]:
     Where held-out samples spoke against what was found, the corrected simulation is no longer the one that
     was scored.
     """
-    return WORDS | ({"augmented": "with what was found"} if leaves_all_out(dx) else {})
+    return WORDS | ({"augmented": "with what was found"} if dx.conclusion_.leaves_all_out else {})
 
 
 def _gain(dx) -> str:
@@ -351,7 +356,7 @@ def next_steps(dx, experiment=None) -> list[str]:
         )
     worse = has_form(dx) and not dx.scores_.empty
     worse = worse and dx.scores_.loc["augmented", "nrmse"] >= dx.scores_.loc["refitted", "nrmse"]
-    if has_form(dx) and leaves_all_out(dx):
+    if has_form(dx) and dx.conclusion_.leaves_all_out:
         steps.append(
             "Do not add what was found yet: held-out data speak against it, and the corrected simulation has "
             "refitted parameters alone. Record longer, or try effects that you believe in one by one."

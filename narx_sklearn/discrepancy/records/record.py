@@ -31,6 +31,7 @@ class Split(NamedTuple):
 
     fitting: list[Piece]
     held_out: list[Piece]
+    beginnings: bool  # whether those held out are the beginnings, not the ends
 
 
 def read_record(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +138,7 @@ def pieces_of(u: np.ndarray, sessions) -> list[Piece]:
 
 def hold_out(pieces: list[Piece], share: float, *, beginnings: bool = False) -> Split:
     """Return pieces without their ends, or without their beginnings, and those."""
-    split = Split([], [])
+    split = Split([], [], beginnings)
     for piece, session in pieces:
         n_out = round(share * (piece.stop - piece.start))
         edge = piece.start + n_out if beginnings else piece.stop - n_out

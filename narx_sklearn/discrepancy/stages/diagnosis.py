@@ -33,7 +33,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     look_for_unforeseen,
     says_all,
 )
-from narx_sklearn.discrepancy.stages.unnamed import SHARE, best_pulsating, best_unnamed, is_explained_by
+from narx_sklearn.discrepancy.stages.unnamed import best_pulsating, best_unnamed, is_explained_by
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
@@ -112,7 +112,9 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         settings.tell("again, over shorter windows")
         lengths = found.problem.windows.last - found.problem.windows.first
         halfway = replace(settings, window=int(np.sqrt(found.lengthened_from * np.median(lengths))))
-        found = _explaining_more(found, _diagnosed(simulator, u, y, pieces, halfway))
+        shorter = _diagnosed(simulator, u, y, pieces, halfway)
+        if _explains_more(shorter, found):
+            found, settings = shorter, halfway
     for _ in range(AGAIN):
         known = found.problem.simulator
         nearer = known.centred(found.best.fit.model.p)
@@ -123,19 +125,19 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     return found
 
 
-def _explaining_more(found: Diagnosis, shorter: Diagnosis) -> Diagnosis:
-    """Return a diagnosis, or that over shorter windows where what it names leaves less of the long ones too.
+def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
+    """Tell whether what is named over shorter windows leaves less of the long ones too.
 
     An integrator without what is missing follows a long run; with it the machine may turn over, and a fit
     that begins far away does not get there.
     """
     if not shorter.is_named:
-        return found
+        return False
     long = found.problem.with_noise(Noise.white(found.problem.noise.sigma))
     model = shorter.best.fit.model
     x0 = states_at(shorter.problem, shorter.best.fit, long.windows)
     left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
-    return shorter if left[0] < left[1] else found
+    return left[0] < left[1]
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
@@ -173,23 +175,22 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         assert found.unnamed is not None
         of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(found.unnamed.effects)
         found = found._replace(best=found.unnamed, alternatives=of_each, against_noise=())
-    verdict, best, alternatives, _, _, against_noise, unforeseen = found
     return Diagnosis(
-        verdict=verdict,
+        verdict=found.verdict,
         problem=problem,
         structure=structure,
         nominal=nominal,
         refitted=refitted,
-        best=best,
-        order=by_weight(problem, best, searched.pool),
-        alternatives=alternatives,
+        best=found.best,
+        order=by_weight(problem, found.best, searched.pool),
+        alternatives=found.alternatives,
         p_missing=p_missing,
         steps=tuple(steps),
         followed_for=followed_for(simulator, pace),
         stretches=stretches,
         twin_misses_more=twin_misses_more,
-        against_noise=against_noise,
-        unforeseen=unforeseen,
+        against_noise=found.against_noise,
+        unforeseen=found.unforeseen,
         lengthened_from=lengthened_from,
     )
 
@@ -234,14 +235,14 @@ def _unless_noise(
     problem, refitted, _ = searched
     settings.tell("is what is left over noise?")
     remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
-    if remainder.p_value > SHARE * settings.alpha:
+    if remainder.p_value > settings.alpha_nameless:
         return searched, found, searched.p_value
     in_part = search_in_spans(large_parts(problem), stretches.p, searched, structure, settings)
     named = in_part and judge(in_part, structure, settings)
     if in_part and named and named.verdict != "unknown":
         return in_part, named, in_part.p_value
     nothing = Candidate(refitted, problem.n_seen)
-    unnamed, against_noise = None, remainder.speaking(SHARE * settings.alpha)
+    unnamed, against_noise = None, remainder.speaking(settings.alpha_nameless)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
     if waves or any(sign.kind == "follows" for sign in against_noise):
         known = searched.hypotheses
@@ -271,7 +272,7 @@ def _unless_unforeseen(
         told = found.unnamed if _is_told_by_a_law(found) else found.best
     settings.tell("does anything act that follows no signal?")
     seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)
-    level = SHARE * settings.alpha
+    level = settings.alpha_nameless
     if seen is None or seen.p_value > level:
         return found, p_missing
     base = Candidate(refitted, problem.n_seen)

@@ -84,13 +84,14 @@ def _judged(
             rival = converged(problem, likeliest(as_likely, refitted.cost), settings.n_jobs)
             return _judged(searched, rival, pool, structure, settings)
         nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
-        return Judgement("unknown", best, alternatives, nearest, True)
+        return Judgement("unknown", best, alternatives, nearest, stand_in=True)
     signs = left_that_is_no_noise(problem, refitted, best, structure, settings)
     if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
         # the names took off less than they leave: they are not even near to it
-        return Judgement("unknown", Candidate(refitted, problem.n_seen), (), unnamed, True, signs)
+        nothing = Candidate(refitted, problem.n_seen)
+        return Judgement("unknown", nothing, (), unnamed, stand_in=True, against_noise=signs)
     if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings):
-        return Judgement("unknown", best, alternatives, unnamed, True, signs)
+        return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)
     return Judgement(named, best, alternatives, unnamed)

@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
 from narx_sklearn.discrepancy.stages.forms import own_forms
 from narx_sklearn.discrepancy.stages.naming import FORM
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
-from narx_sklearn.discrepancy.stages.unnamed import SHARE, SUSPECT, UNEXPLAINED, curves_along
+from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves_along
 
 BENT = 0.01  # share of what could be explained that effects which act together may leave: no more is form
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
@@ -133,7 +133,7 @@ def left_that_is_no_noise(
         remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state, forms)
         return tuple(
             sign
-            for sign in remainder.speaking(SHARE * settings.alpha)
+            for sign in remainder.speaking(settings.alpha_nameless)
             if sign.gain > tolerated.get(sign.kind, otherwise) * (taken_off + sign.gain)
         )
 

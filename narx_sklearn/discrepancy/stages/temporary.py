@@ -32,7 +32,6 @@ RIVALS = 6  # of those that always act, kept beside
 BEYOND = 4.0  # times what its tangent takes off, that an effect may take off once it is fitted
 AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
 FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
-SHARE = 0.5  # of alpha, for what acts for a while
 PASSES = 3  # over both ends, at most
 SETTLED = 4  # iterations of a fit when an end is moved
 
@@ -94,7 +93,7 @@ def search_in_spans(
     n_spans = MOST_BLOCKS**2 / 2  # by their ends
     n_values = n_shapes(best.effects[0], problem) * n_spans
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_values)
-    if chance > SHARE * settings.alpha:
+    if chance > settings.alpha_in_part:
         return None
     to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
     if to_beat <= value + best.price + HARDLY:

@@ -26,7 +26,6 @@ from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_at_remainder, look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
-SHARE = 0.5  # of alpha, for what has no name
 SUSPECT = 0.05  # level at which something counts that is no finding of its own
 
 
@@ -102,7 +101,7 @@ def best_pulsating(
 ) -> Candidate | None:
     """Return what pulsates, where something surely does and it is better than a curve; else the curve."""
     pulse = look_for_pulse(problem, refitted, structure, settings.random_state)
-    if pulse.p_value > SHARE * settings.alpha:
+    if pulse.p_value > settings.alpha_nameless:
         return unnamed
     base = Candidate(refitted, problem.n_seen)
     pulsating = best_unnamed(problem, refitted, base, structure, settings, known, pulse.frequencies)
@@ -131,5 +130,5 @@ def is_explained_by(
     taken_off = base.fit.cost - curve.fit.cost
     return not any(
         sign.gain == 0 or sign.gain > UNEXPLAINED * (taken_off + sign.gain)  # of some signs it is not known
-        for sign in rest.speaking(SHARE * settings.alpha)
+        for sign in rest.speaking(settings.alpha_nameless)
     )

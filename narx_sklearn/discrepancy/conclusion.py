@@ -1,0 +1,297 @@
+"""What is concluded of a record: its diagnosis, and what samples that were held out say of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from narx_sklearn.discrepancy.placed import for_other_records, that_recur
+from narx_sklearn.discrepancy.records.checks import DataFinding, still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.record import Split, hold_out, pieces_of
+from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
+from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis, diagnose
+from narx_sklearn.discrepancy.stages.temporary import are_foreseen, only_where_fitted
+from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
+from narx_sklearn.discrepancy.substeps import mind_steps
+from narx_sklearn.discrepancy.verify import (
+    SURELY,
+    HeldOut,
+    Lead,
+    Stretch,
+    left_together,
+    on_held_out,
+    score_table,
+    scored_stretches,
+    squared_errors,
+)
+
+HARM = 0.01  # chance that what the uncertainty of parameters costs on other samples is taken for harm
+
+
+@dataclass(frozen=True, eq=False)
+class Conclusion:
+    """A diagnosis, what is used of it, and what samples that were held out say.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+        Of the samples that were fitted.
+    split : Split
+        Samples that were fitted and samples that were held out.
+    verdict : str
+        That of the diagnosis, or "unknown" where samples held out take it back.
+    tried : Simulator
+        With all that was found, but what nobody can foresee where the rest does without it.
+    corrected : Simulator
+        The same, or the refitted one where what was tried does harm.
+    of_record : tuple of DataFinding
+        Mistakes in the record that still stand beside the diagnosis.
+    scores : DataFrame
+        Errors of the ``simulators`` in free runs over the ``stretches``.
+    stretches : tuple of Stretch
+        Those runs.
+    left_there : float
+        What names leave of held-out samples over what they leave elsewhere, mean square; 1 if none can tell.
+    is_silent : bool
+        Whether held-out samples neither confirm nor refute what was found.
+    """
+
+    diagnosis: Diagnosis
+    split: Split
+    verdict: str
+    tried: Simulator
+    corrected: Simulator
+    of_record: tuple[DataFinding, ...] = ()
+    scores: pd.DataFrame = None  # type: ignore  # filled in as soon as there is one
+    stretches: tuple[Stretch, ...] = ()
+    left_there: float = 1.0
+    is_silent: bool = False
+
+    @cached_property
+    def refitted(self) -> Simulator:
+        """The simulator with its own parameters refitted."""
+        return self.diagnosis.problem.simulator.with_parameters(self.diagnosis.refitted.model.p)
+
+    @property
+    def leaves_all_out(self) -> bool:
+        """Whether what was found was taken back, and a refit alone corrects the simulator."""
+        return self.corrected is not self.tried
+
+    @property
+    def for_other_records(self) -> Simulator:
+        """The corrected simulator without what is of this record alone."""
+        return self.corrected.with_effects(for_other_records(self.corrected.effects))
+
+    @property
+    def simulators(self) -> dict[str, Simulator]:
+        """The simulators that are compared, by the names of their scores.
+
+        What happened once is left out: it was no sample held out.
+        """
+        return {
+            "nominal": self.diagnosis.problem.simulator,
+            "refitted": self.refitted,
+            "augmented": self.tried.with_effects(that_recur(self.tried.effects)),
+        }
+
+    @property
+    def guesses(self) -> dict[str, np.ndarray]:
+        """Initial states from which those of held-out runs are fitted, by the same names.
+
+        They are those of the window next to what was held out.
+        """
+        nearest = 0 if self.split.beginnings else -1
+        found = self.diagnosis
+        fits = {"nominal": found.nominal, "refitted": found.refitted, "augmented": found.best.fit}
+        return {name: fit.model.x0[nearest] for name, fit in fits.items()}
+
+    @property
+    def leads(self) -> dict[str, Lead]:
+        """What the effects of a simulator remember, by the same names."""
+        return {"augmented": Lead(self.diagnosis.problem.windows, self.diagnosis.best.fit.model.x0)}
+
+    @cached_property
+    def n_init(self) -> int:
+        """Samples that fix an initial state: eight for each state, and eight more, or half of a window."""
+        problem = self.diagnosis.problem
+        return int(max(8 * (len(problem.simulator.states) + 1), min(problem.windows.length // 2, 200)))
+
+    def stretches_of(self, pieces) -> tuple[Stretch, ...]:
+        """Return the stretches over which simulations are run freely, of pieces without gaps."""
+        n_states = len(self.diagnosis.problem.simulator.states)
+        return tuple(scored_stretches(pieces, self.n_init, self.diagnosis.followed_for, n_states))
+
+    @property
+    def held_out(self) -> pd.DataFrame:
+        """The samples that the scores are of, a row a stretch."""
+        rows = [(s.rows.start, s.scored.start, s.rows.stop) for s in self.stretches]
+        return pd.DataFrame(rows, columns=["start", "scored_from", "stop"], dtype=int)
+
+
+def conclude(
+    simulator: Simulator,
+    u: np.ndarray,
+    y: np.ndarray,
+    sessions,
+    settings: Settings,
+    of_record: Sequence[DataFinding] = (),
+) -> Conclusion:
+    """Diagnose a record but its end, and hold what was found against that.
+
+    Where nothing is missing before the end, or no law, or what was found leaves more there than elsewhere, a
+    second look is at a record whose beginning is held out: a limit may be met at the end only.
+
+    Parameters
+    ----------
+    of_record : list of DataFinding
+        Mistakes in the record that were found before any fit.
+    """
+    pieces = pieces_of(u, sessions)
+    ends, beginnings = (hold_out(pieces, settings.test_fraction, beginnings=b) for b in (False, True))
+
+    def look(split: Split, settings: Settings) -> Diagnosis:
+        return diagnose(simulator, u, y, split.fitting, settings)
+
+    first, split = look(ends, settings), ends
+    no_law = first.unforeseen is not None and first.steps[0].detection.p_value > settings.alpha
+    if (first.verdict in NOTHING_MISSING or no_law) and ends.held_out:
+        settings.tell("a second look, at the samples held out")
+        second = look(beginnings, settings.for_second_look())
+        is_law = second.unforeseen is None or not no_law
+        if second.verdict not in NOTHING_MISSING and is_law:
+            first, split = second, beginnings
+    found = _concluded(first, split, u, y, settings, of_record)
+    if found.left_there > STANDS_IN and not split.beginnings:
+        settings.tell("a second look: what these names lack may show at the end only")
+        second = look(beginnings, settings.for_second_look())
+        if second.is_named:
+            again = _concluded(second, beginnings, u, y, settings, of_record)
+            found = found if again.verdict == "unknown" else again
+    return found
+
+
+def _concluded(
+    diagnosis: Diagnosis,
+    split: Split,
+    u: np.ndarray,
+    y: np.ndarray,
+    settings: Settings,
+    of_record: Sequence[DataFinding],
+) -> Conclusion:
+    """Return what is concluded of a diagnosis, and which mistakes in the record still stand beside it."""
+    best = diagnosis.best.fit.model
+    standing = still_standing(list(of_record), diagnosis.problem, diagnosis.refitted.model, best)
+    diagnosis, of_steps = mind_steps(diagnosis, settings.n_jobs)
+    if diagnosis.is_named and to_be_mended(standing, best.effects):
+        diagnosis = replace(diagnosis, verdict="unknown", record_misleads=True)
+    settings.tell("verification on held-out samples")
+    return replace(_held_against(diagnosis, split, u, y, settings), of_record=(*standing, *of_steps))
+
+
+def _held_against(
+    diagnosis: Diagnosis, split: Split, u: np.ndarray, y: np.ndarray, settings: Settings
+) -> Conclusion:
+    """Hold a diagnosis against held-out samples, and take back what they refute.
+
+    What makes them worse is not used, and is no explanation, unless it drifts, or acted when the fit ended:
+    nobody can foresee its course, or when it ends.
+    """
+    simulator, best = diagnosis.problem.simulator, diagnosis.best
+    found = simulator
+    if diagnosis.verdict != "consistent":
+        found = simulator.with_parameters(best.fit.model.p).with_effects(best.effects)
+    whole = _scored(Conclusion(diagnosis, split, diagnosis.verdict, found, found), u, y, settings)
+    if diagnosis.verdict in NOTHING_MISSING:
+        return whole
+    held = _on_held_out(whole)
+    whole = replace(
+        whole,
+        left_there=_left_over_there(diagnosis, held),
+        is_silent=held.is_silent(best.fit.cost / best.n_samples),
+    )
+    if _harms(whole, held):
+        without_drifts = _without_drifts(whole, u, y, settings)
+        if without_drifts is None:
+            # what began may have ended since; an offset would have stayed
+            ended = only_where_fitted(diagnosis.problem, best)
+            milder = diagnosis.as_drift if ended is None else replace(diagnosis, best=ended)
+            if milder is not None:
+                return _held_against(milder, split, u, y, settings)
+            drifts = bool(best.effects) and best.effects[diagnosis.order[0]].effect.code == DRIFT
+            verdict = whole.verdict if drifts or best.given else "unknown"
+            return replace(whole, verdict=verdict, corrected=whole.refitted)
+        whole = without_drifts
+    return replace(whole, verdict="unknown") if whole.left_there > STANDS_IN else whole
+
+
+def _scored(found: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings) -> Conclusion:
+    """Return a conclusion with the scores of its simulators."""
+    stretches = found.stretches_of(found.split.held_out)
+    if not stretches:
+        return replace(found, scores=pd.DataFrame())
+    pieces, n_init = [(s.rows, s.began) for s in stretches], stretches[0].n_init
+    errors = squared_errors(found.simulators, u, y, pieces, n_init, found.guesses, found.leads)
+    spread = np.nanstd(np.concatenate([y[rows] for rows, _ in pieces]), axis=0)
+    scores = score_table(errors, spread, settings.level, settings.random_state)
+    return replace(found, scores=scores, stretches=stretches)
+
+
+def _without_drifts(whole: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings) -> Conclusion | None:
+    """Return a conclusion without drifts of outputs, if what is beside them then does no harm.
+
+    Nobody can foresee their course, which says nothing of what was found beside them.
+    """
+    foreseen = tuple(effect for effect in whole.tried.effects if not is_drift(effect))
+    if not foreseen or len(foreseen) == len(whole.tried.effects):
+        return None
+    tried = whole.tried.with_effects(foreseen)
+    rest = _scored(replace(whole, tried=tried, corrected=tried), u, y, settings)
+    return None if _harms(rest, _on_held_out(rest)) else rest
+
+
+def _on_held_out(found: Conclusion) -> HeldOut:
+    """Return what the refitted simulator and the one that was tried leave of held-out samples."""
+    guesses = (found.guesses["refitted"], found.guesses["augmented"])
+    simulators = (found.refitted, found.tried)
+    pieces, lead = found.split.held_out, found.leads["augmented"]
+    return on_held_out(found.diagnosis.problem, *simulators, pieces, guesses, lead)
+
+
+def _harms(found: Conclusion, held: HeldOut) -> bool:
+    """Tell whether what was tried is worse on held-out samples, or leaves all range.
+
+    Surely worse, or no better where it should be by far. What explains nothing must not make a whole run
+    worse either.
+    """
+    if not found.scores.empty:
+        errors = found.scores["nrmse"]
+        if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
+            return True
+        if found.verdict == "unknown" and found.scores["removed_high"]["augmented"] < 0:
+            return True
+    best = found.diagnosis.best
+    # what the uncertainty of its parameters costs on other samples is no harm
+    unit = best.fit.cost / best.n_samples
+    by_chance = chi2.isf(HARM, best.fit.model.q.size) * unit
+    surely = max(SURELY * np.sqrt(np.sum(held.less**2)), by_chance)
+    harmful = np.all(np.isfinite(held.less)) and held.less.sum() < -surely
+    return bool(harmful) or held.is_belied(unit)
+
+
+def _left_over_there(diagnosis: Diagnosis, held: HeldOut) -> float:
+    """Return what names leave of held-out samples over what they leave elsewhere; 1 if none can tell.
+
+    What is little beside all that they explain is no more than a form, or a machine that has warmed up.
+    """
+    best = diagnosis.best
+    usual = best.fit.cost / best.n_samples
+    if not (best.effects and are_foreseen(best.effects) and STANDS_IN * usual < held.left < np.inf):
+        return 1.0
+    there, elsewhere = left_together(diagnosis.problem, best.fit, held)
+    return there / elsewhere if there > UNEXPLAINED * held.without else 1.0
