@@ -341,6 +341,13 @@ MODELS = {
         "0.6*y[k-1] + u[k-1] + 0.2*phi1[k-1]", phi=[DifferenceSign("y", name="phi1")]
     ),
 }
+# Functions that have no values, or a pole, within the limits of the input.
+OF_ITS_OWN = {
+    "root": NARXModel.from_equations("root[k-1]", phi=[FunctionPhi(np.sqrt, ["u[k]"], name="root")]),
+    "pole": NARXModel.from_equations(
+        "pole[k-1]", phi=[FunctionPhi(lambda u: 1.0 / u, ["u[k]"], name="pole")]
+    ),
+}
 # A valve as identified: slope -0.4 - 0.9 sign d + 22 d^2 with d = u - y, negative for small d.
 RISES_AND_FALLS = NARXModel.from_equations(
     "y[k-1] - 0.4*phi1[k-1] + 0.9*y[k-1]*phi1[k-1]*phi2[k-1] - 0.9*u[k-1]*phi1[k-1]*phi2[k-1]"
@@ -609,6 +616,21 @@ def test_a_function_that_does_not_compile_is_called_as_python_and_gives_the_same
     np.testing.assert_allclose(slow, limited(root_law(model)).run(r, m=0.3).m, rtol=1e-13, atol=1e-15)
 
 
+def test_where_a_function_ends_there_is_no_input_but_one_near_the_end_is_found():
+    law = limited(root_law(OF_ITS_OWN["root"]), limits=(-1.0, 4.0))
+    run = law.run([0.0, 1.5, -0.5, 1e-3, 1.0, 1.0], m=0.5)
+    np.testing.assert_allclose(run.m, [2.25, 2.25, 1e-6, 1.0, 1.0, 1.0], rtol=1e-12)
+    assert run.counts.no_solution == 1
+    np.testing.assert_allclose(law.run([0.0, 0.3], m=-0.5).m, 0.09, rtol=1e-12)
+
+
+def test_a_pole_is_no_root():
+    law = limited(root_law(OF_ITS_OWN["pole"]), limits=(-2.0, 2.0))
+    run = law.run([0.0, -1.0, 0.2, 0.8], m=1.0)
+    np.testing.assert_allclose(run.m, [-1.0, -1.0, 1.25, 1.25], rtol=1e-12)
+    assert run.counts.no_solution == 1  # 1 / 0.2 lies beyond the limits
+
+
 def test_an_error_in_a_function_reaches_the_caller():
     def broken(u):
         raise KeyError("no table for this input")
@@ -664,7 +686,11 @@ def test_an_inverse_model_must_read_the_output():
 
 # -- C ------------------------------------------------------------------------------------------------------
 
-USERS = "double law_user_f(double u, double y) { return tanh(u) / (1.0 + y * y); }\n"
+USERS = {
+    "f": "double law_user_f(double u, double y) { return tanh(u) / (1.0 + y * y); }\n",
+    "root": "double law_user_root(double u) { return sqrt(u); }\n",
+    "pole": "double law_user_pole(double u) { return 1.0 / u; }\n",
+}
 
 DRIVER = """
 #include <stdio.h>
@@ -687,6 +713,8 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
     "rising": limited(root_law(RISES_AND_FALLS), branch="rising", rate_limit=0.05),
     "falling": limited(root_law(NARXModel.from_equations("u[k-1]^3 - 3*u[k-1]")), branch="falling"),
     "five powers": limited(root_law(NARXModel.from_equations("u[k-1] + 0.3*u[k-1]^5 - 0.8*u[k-1]^4"))),
+    "function that ends": limited(root_law(OF_ITS_OWN["root"])),
+    "function with a pole": limited(root_law(OF_ITS_OWN["pole"])),
     "bouc-wen": CompensationLaw(
         "explicit", (Polynomial({"r[k]": 0.6, "h[k-1]": 0.6}),), (BoucWenElement("m", 0.9, 0.8, 0.5, 1.5),)
     ),
@@ -711,7 +739,8 @@ def test_the_c_code_computes_the_same_numbers(tmp_path):
             driver = driver.replace(key, text)
         source, program = tmp_path / f"law{number}.c", tmp_path / f"law{number}"
         written = c_source(law, "law")
-        source.write_text(written + (USERS if "law_user_f" in written else "") + driver)
+        users = [text for user, text in USERS.items() if f"law_user_{user}" in written]
+        source.write_text(written + "".join(users) + driver)
         flags = [
             "-std=c99",
             "-O0",

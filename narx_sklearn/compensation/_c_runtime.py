@@ -289,10 +289,27 @@ static double NAME_bisect(NAME_state *s, double a, double b, double fa)
     return b;
 }
 
+static int NAME_may_vanish(double f, double before)
+{
+    return (f > 0.0) != (before > 0.0) || f == 0.0 || !isnan(f) != !isnan(before);
+}
+
+/* zero between a and b; neither a pole nor the end of where functions have values is one */
+static double NAME_zero_between(NAME_state *s, double a, double b, double fa, double fb, int *found)
+{
+    double m, size;
+    if (isnan(fa)) { m = a; a = b; b = m; m = fa; fa = fb; fb = m; }
+    m = NAME_bisect(s, a, b, fa);
+    size = fabs(NAME_residual(s, m));
+    *found = isnan(fb) ? size <= VANISHES * fabs(fa) : size <= fmax(fabs(fa), fabs(fb));
+    return m;
+}
+
 static double NAME_solve(NAME_state *s, double previous, int *found)
 {
     double inside = fmin(fmax(previous, NAME_LOW), NAME_HIGH), rest = NAME_residual(s, inside);
-    double best = inside, least = fabs(rest), step = FIRST_STEP * (NAME_HIGH - NAME_LOW), m, f;
+    double best = inside, least = isnan(rest) ? INFINITY : fabs(rest), m, f, zero;
+    double step = FIRST_STEP * (NAME_HIGH - NAME_LOW);
     double below = inside, above = inside, f_below = rest, f_above = rest;
     *found = 1;
     if (rest == 0.0) return inside;
@@ -300,14 +317,20 @@ static double NAME_solve(NAME_state *s, double previous, int *found)
         if (above < NAME_HIGH) {
             m = fmin(inside + step, NAME_HIGH);
             f = NAME_residual(s, m);
-            if ((f > 0.0) != (f_above > 0.0) || f == 0.0) return NAME_bisect(s, above, m, f_above);
+            if (NAME_may_vanish(f, f_above)) {
+                zero = NAME_zero_between(s, above, m, f_above, f, found);
+                if (*found) return zero;
+            }
             above = m; f_above = f;
             if (fabs(f) < least) { best = m; least = fabs(f); }
         }
         if (below > NAME_LOW) {
             m = fmax(inside - step, NAME_LOW);
             f = NAME_residual(s, m);
-            if ((f > 0.0) != (f_below > 0.0) || f == 0.0) return NAME_bisect(s, below, m, f_below);
+            if (NAME_may_vanish(f, f_below)) {
+                zero = NAME_zero_between(s, below, m, f_below, f, found);
+                if (*found) return zero;
+            }
             below = m; f_below = f;
             if (fabs(f) < least) { best = m; least = fabs(f); }
         }

@@ -37,6 +37,7 @@ N_COUNTS = 4
 SAMPLES, NO_SOLUTION, AT_LIMIT, AT_RATE = range(N_COUNTS)
 # The search goes outwards from the last input; a step that grows by this factor resolves near and far alike.
 FIRST_STEP, GROWTH = 1e-7, 1.35  # of the range of the input
+VANISHES = 1e-6  # share to which a residual must fall from one side, where it has no value on the other
 HEADER, NUMBERS = 16, 3
 
 
@@ -212,6 +213,27 @@ def _bisect(functions, law, state, a, b, value_a):
     return b
 
 
+@njit(nogil=True, inline="always")
+def _may_vanish(value, before):
+    """Tell whether a zero may lie between two residuals: signs differ, or one of the two has no value."""
+    return (value > 0.0) != (before > 0.0) or value == 0.0 or np.isnan(value) != np.isnan(before)
+
+
+@njit(cache=True, nogil=True)
+def _zero_between(functions, law, state, a, b, value_a, value_b):
+    """Return where between two inputs the residual is zero, and whether it is.
+
+    A pole changes the sign too, and where functions end there is no sign to go by: neither is a zero.
+    """
+    if np.isnan(value_a):
+        a, b, value_a, value_b = b, a, value_b, value_a
+    m = _bisect(functions, law, state, a, b, value_a)
+    size = abs(_residual(functions, law, state, m))
+    if np.isnan(value_b):
+        return m, size <= VANISHES * abs(value_a)
+    return m, size <= max(abs(value_a), abs(value_b))
+
+
 @njit(cache=True, nogil=True)
 def _search(functions, law, state, previous):
     """Return the input nearest to the last one at which the residual is zero, and whether there is one.
@@ -224,7 +246,7 @@ def _search(functions, law, state, previous):
     at_rest = _residual(functions, law, state, inside)
     if at_rest == 0.0:
         return inside, True
-    best, least = inside, abs(at_rest)
+    best, least = inside, np.inf if np.isnan(at_rest) else abs(at_rest)
     step = FIRST_STEP * span
     below, above = inside, inside
     value_below, value_above = at_rest, at_rest
@@ -232,16 +254,20 @@ def _search(functions, law, state, previous):
         if above < law.high:
             m = min(inside + step, law.high)
             value = _residual(functions, law, state, m)
-            if (value > 0.0) != (value_above > 0.0) or value == 0.0:
-                return _bisect(functions, law, state, above, m, value_above), True
+            if _may_vanish(value, value_above):
+                zero, is_zero = _zero_between(functions, law, state, above, m, value_above, value)
+                if is_zero:
+                    return zero, True
             above, value_above = m, value
             if abs(value) < least:
                 best, least = m, abs(value)
         if below > law.low:
             m = max(inside - step, law.low)
             value = _residual(functions, law, state, m)
-            if (value > 0.0) != (value_below > 0.0) or value == 0.0:
-                return _bisect(functions, law, state, below, m, value_below), True
+            if _may_vanish(value, value_below):
+                zero, is_zero = _zero_between(functions, law, state, below, m, value_below, value)
+                if is_zero:
+                    return zero, True
             below, value_below = m, value
             if abs(value) < least:
                 best, least = m, abs(value)

@@ -208,7 +208,7 @@ class _Writer:
                     value = self._value(p, f"{source}({at})", f"{source}({at + 1})", "z")
                     lines.append(f"    {target}({at}) = {value};")
             lines += [f"    return {self.expression(law.equations[0])};", "}", ""]
-            constants = {"FIRST_STEP": kernels.FIRST_STEP, "GROWTH": kernels.GROWTH}
+            constants = {name: getattr(kernels, name) for name in ("FIRST_STEP", "GROWTH", "VANISHES")}
             return "\n".join(lines) + "\n" + _fill(runtime.SEARCH, constants)
         return self._root_solver()
 
