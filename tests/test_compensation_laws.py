@@ -545,6 +545,16 @@ def test_the_jacobian_is_looked_at_over_all_of_a_reference(n_samples):
     assert found.growth == pytest.approx(0.3, rel=0.02)
 
 
+@pytest.mark.parametrize("n_samples", [1, 2, 3])
+def test_a_reference_shorter_than_a_law_looks_ahead_is_held(n_samples):
+    # the Jacobian read past the end of such a reference
+    law = isolated_law(NARXModel.from_equations("u[k-5] - 0.5*y[k-1]*u[k-6]"))
+    r = np.full(n_samples, 0.6)
+    held = law.run(np.full(9, 0.6), m=0.1)
+    np.testing.assert_array_equal(law.run(r, m=0.1).m, held.m[:n_samples])
+    assert law_stability(law, r, m=0.1).radius.tolist() == pytest.approx([0.3] * n_samples)
+
+
 def test_the_published_isolated_valve_law_amplifies_and_the_piezo_laws_do_not():
     seconds = np.arange(2000) * 0.01
     valve = law_stability(isolated_law(VALVE_I), 3.08 + 0.34 * np.sin(0.2 * np.pi * seconds), m=3.0)

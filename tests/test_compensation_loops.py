@@ -6,6 +6,7 @@ import pytest
 from narx_sklearn.compensation import (
     PID,
     BoucWenCompensator,
+    IsolatedCompensator,
     RootCompensator,
     simulate_loop,
     tune_pid,
@@ -45,6 +46,14 @@ def test_the_integral_does_not_wind_up():
 def test_wrong_gains_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         PID(**wrong)
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 3])
+def test_a_reference_shorter_than_a_law_looks_ahead_is_held_in_a_loop(n_samples):
+    compensator = IsolatedCompensator(NARXModel.from_equations("u[k-5] - 0.5*y[k-1]*u[k-6]")).fit()
+    r = np.full(n_samples, 0.6)
+    run = simulate_loop(lambda u: u, r, compensator=compensator)
+    np.testing.assert_allclose(run.m, compensator.predict(r[:, None]))
 
 
 def test_a_linear_loop_follows_its_own_recursion():

@@ -217,8 +217,7 @@ def simulate_loop(
             raise ValueError(f"The compensator wants {list(law.known)}; a loop gives it a reference only.")
         horizon = law.horizon
         start = compensator._first_input(r[:1])
-        law_state = law.start(start, r[0])
-        law_state.settle(r[1:horizon], np.full(max(horizon - 1, 0), start))
+        law_state, _ = law.begin(r[:, None], start)
     feedback = None if controller is None else controller.start()
     y, measured, correction, m = (np.full(r.size, np.nan) for _ in range(4))
     bound = UNBOUNDED * (1.0 + np.abs(r).max())

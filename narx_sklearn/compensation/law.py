@@ -285,6 +285,28 @@ class CompensationLaw:
         """
         return LawState(self, m, known)
 
+    def begin(self, known: np.ndarray, m: float) -> "tuple[LawState, np.ndarray]":
+        """Return the state at rest before a whole reference, and the rows that its steps then take.
+
+        Parameters
+        ----------
+        known : ndarray of shape (n_samples, n_known)
+            Reference and other known signals, held before the first sample and after the last.
+        m : float
+            Input that has been held.
+
+        Returns
+        -------
+        state : LawState
+        ahead : ndarray of shape (n_samples, n_known)
+            What is known newest at each sample: ``horizon`` samples ahead of it.
+        """
+        n_samples, h = known.shape[0], self.horizon
+        ahead = known[np.minimum(np.arange(n_samples + h), n_samples - 1)]
+        state = self.start(m, known[0])
+        state.settle(ahead[1:h], np.full(max(h - 1, 0), m))
+        return state, np.ascontiguousarray(ahead[h:])
+
     def run(self, reference, *, m: float = 0.0) -> "LawRun":
         """Compute the input along a whole reference, starting from rest.
 
@@ -302,14 +324,7 @@ class CompensationLaw:
         LawRun
         """
         known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(self.known)))
-        state = self.start(m, known[0])
-        h = self.horizon
-        ahead = known[np.minimum(np.arange(1, known.shape[0] + h), known.shape[0] - 1)]
-        if h == 0:
-            ahead = known
-        else:
-            state.settle(ahead[: h - 1], np.full(h - 1, m))
-            ahead = np.ascontiguousarray(ahead[h - 1 :])
+        state, ahead = self.begin(known, m)
         inputs = np.empty(known.shape[0])
         if self.functions is None:
             kernels.run(*self.packed, state.values, ahead, inputs)

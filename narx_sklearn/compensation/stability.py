@@ -91,15 +91,10 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
     known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(law.known)))
     every = max(1, -(-known.shape[0] // N_CHECKED))  # rounded up, so that the samples checked reach the end
     n_checked = -(-known.shape[0] // every)
-    state = law.start(m, known[0])
+    state, ahead = law.begin(known, m)
     inputs = law.run(known, m=m).m
     size = np.ptp(inputs) or np.abs(inputs).max() or 1.0
     slopes = np.zeros((n_checked, law.n_past_inputs))
-    ahead = np.ascontiguousarray(
-        known[np.minimum(np.arange(known.shape[0]) + law.horizon, known.shape[0] - 1)]
-    )
-    if law.horizon > 1:
-        state.settle(known[1 : law.horizon], np.full(law.horizon - 1, m))
     integers, numbers = law.packed
     unlimited = numbers.copy()
     unlimited[2] = np.inf  # a limit that cuts an error hides that the law amplifies it
