@@ -8,6 +8,7 @@ import pytest
 from sklearn.model_selection import GridSearchCV, KFold, TimeSeriesSplit
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
+from narx_sklearn.model import Difference
 
 
 def make_record(n_samples, seed=0, noise=0.02):
@@ -59,6 +60,48 @@ def test_lags_never_reach_across_the_hole_that_a_fold_leaves():
     )
 
 
+def test_phi_regressors_do_not_reach_across_it_either():
+    X, y = make_record(300, noise=0.1)
+    y[100:200] += 5.0
+    task = {"phi": [Difference("y", name="dy")], "phi_lags": 2, "origin": "zero"}
+    search = NARXRegressorCV([2], [2], degree=[1], n_terms=[6], cv=KFold(3), **task).fit(X, y)
+    rest, sessions = np.delete(np.arange(300), np.s_[100:200]), np.repeat([0, 1], 100)
+    plain = NARXRegressor(2, 2, degree=1, n_terms=6, refine=False, **task)
+    plain.fit(X[rest], y[rest], sessions=sessions)
+    np.testing.assert_allclose(
+        search.cv_results_["split1_test_score"][0], plain.score(X[100:200], y[100:200]), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("sessions", [None, np.repeat([0, 1], [350, 250])])
+def test_parts_of_a_test_fold_are_simulated_one_by_one(sessions):
+    rng = np.random.default_rng(0)
+    X, y = rng.uniform(-1, 1, (600, 1)), np.zeros(600)
+    for k in range(1, 600):
+        y[k] = 0.99 * y[k - 1] + X[k - 1, 0]  # an exact model, which remembers where a part begins
+    test = np.r_[0:100, 300:400]
+    folds = [(np.setdiff1d(np.arange(600), test), test)]
+    search = NARXRegressorCV([1], [1], degree=[1], n_terms=[2], cv=folds, refine=False, origin="zero")
+    assert search.fit(X, y, sessions).best_score_ == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_number_of_terms_is_judged_as_it_is_fitted():
+    X, y = make_record(400)
+    search = NARXRegressorCV([2], [2], degree=[2], n_terms=[8], criterion=["aic"], max_terms=4, cv=2)
+    search.fit(X, y)
+    counts = search.cv_results_["mean_n_terms"]
+    assert counts[0] == 8
+    assert counts[1] <= 4
+    assert len(search.set_params(criterion=[], refine=False).fit(X, y).best_estimator_.terms_) == 8
+
+
+def test_a_fit_without_names_forgets_those_of_the_fit_before():
+    X, y = make_record(100)
+    search = NARXRegressorCV([1], [1], degree=[1], cv=2).fit(pd.DataFrame(X, columns=["drive"]), y)
+    assert list(search.feature_names_in_) == ["drive"]
+    assert not hasattr(search.fit(X, y), "feature_names_in_")
+
+
 def test_one_standard_error_takes_no_more_terms_than_the_best():
     X, y = make_record(500)
     best = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=8, cv=3).fit(X, y)
@@ -81,6 +124,9 @@ def test_it_predicts_and_scores_with_the_best_model_and_uses_threads():
         ({"n_terms": None}, "Nothing chooses"),
         ({"degree": "3"}, "list of choices"),
         ({"n_terms": "some"}, "'all'"),
+        ({"n_terms": [0, 3]}, "n_terms must be an integer of at least 1, got 0"),
+        ({"criterion": ["bic", "cic"]}, "criterion='cic'"),
+        ({"max_terms": None}, "max_terms must be"),
     ],
 )
 def test_wrong_parameters_are_refused(parameters, message):

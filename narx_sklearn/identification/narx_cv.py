@@ -24,6 +24,7 @@ from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.identification.procedure import (
     Compressed,
     Problem,
+    Selected,
     build_model,
     compress_choices,
     estimate_terms,
@@ -171,12 +172,13 @@ sampling_period
         -------
         self
         """
-        self.__dict__.pop("model_", None)  # an interrupted fit leaves nothing that could be used
+        for name in ("model_", "feature_names_in_"):  # an interrupted fit leaves nothing that could be used
+            self.__dict__.pop(name, None)
         check_choice(self.rule, "rule", RULES)
-        sizes = self._sizes()
         structures = self._structures()
         first = self._regressor(**structures[0])
         first._check_parameters()
+        sizes = self._sizes()
         record = first._open(X, y, sessions, reset=True)
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)  # of trials; the model that is taken tells its own
@@ -211,6 +213,8 @@ sampling_period
         sizes = [{"n_terms": n} for n in counts] + [{"criterion": c} for c in criteria]
         if not sizes:
             raise ValueError("Nothing chooses the number of terms: give n_terms, criterion, or both.")
+        for size in sizes:
+            self._regressor(**size)._check_parameters()
         return sizes
 
     def _regressor(self, **chosen) -> NARXRegressor:
@@ -242,14 +246,16 @@ sampling_period
     def _judge_fold(self, record: "_FoldedRecord", f: int, problems, constraints, sizes):
         scores = np.full((len(problems), len(sizes)), DIVERGED_SCORE)
         counts = np.zeros((len(problems), len(sizes)), dtype=int)
-        X, y, labels = record.record.take(record.folds[f].test)
-        judge = FreeRunJudge(X, y, sessions=labels)
+        test = record.folds[f].test
+        X, y, labels = record.record.take(test)
+        judge = FreeRunJudge(X, y, sessions=parted(labels, test))
+        longest = max(self.max_terms, *(size.get("n_terms", 0) for size in sizes))
         for g, (problem, bound) in enumerate(zip(problems, constraints, strict=True)):
             choices = record.choices(f, g, problem, bound)
             paths = [
                 [
                     search_terms(
-                        c.factor, self.max_terms, search=self.search, output=i,
+                        c.factor, longest, search=self.search, output=i,
                         constraints=scaled_constraints(c, i, bound[i]),
                     )
                     for i in range(len(problem.outputs))
@@ -258,7 +264,7 @@ sampling_period
             ]  # fmt: skip
             judged: dict = {}
             for s, size in enumerate(sizes):
-                selected = _select_size(choices, paths, bound, size)
+                selected = _select_size(choices, paths, bound, size, self.max_terms)
                 model = build_model(selected, problem)
                 key = (model.library, tuple(model.origin))
                 if key not in judged:
@@ -355,6 +361,17 @@ def runs_of(indices: np.ndarray) -> list[slice]:
     return [slice(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
 
 
+def parted(labels: np.ndarray | None, runs: list[slice]) -> np.ndarray | None:
+    """Return session labels that change from run to run too, where samples of several runs stand in a row."""
+    if len(runs) < 2:
+        return labels
+    own = np.repeat(np.arange(len(runs)), [run.stop - run.start for run in runs])
+    if labels is None:
+        return own
+    begins = (own[1:] != own[:-1]) | (labels[1:] != labels[:-1])
+    return np.concatenate([[0], np.cumsum(begins)])
+
+
 class _FoldedRecord:
     """A record compressed stretch by stretch, so that the training part of every fold is a merge."""
 
@@ -426,7 +443,7 @@ def folds_of_block(
     every = Candidates.in_block(union, layout, block)
     place = every.rows + block.origin
     stretch = np.searchsorted(edges, place, side="right") - 1
-    inside = place - edges[stretch] >= union.max_lag
+    inside = place - edges[stretch] >= reach_of(union, layout)
     found: dict = {}
     with single_threaded_blas():
         for s in np.unique(stretch[inside]):
@@ -436,7 +453,7 @@ def folds_of_block(
             own = Candidates(library, layout, every.recording, usable_rows(library, layout, every, block))
             others = np.setdiff1d(own.rows, every.rows[inside], assume_unique=True)
             for f, fold in enumerate(folds):
-                rows = others[_inside(fold.training, others + block.origin, library.max_lag)]
+                rows = others[_inside(fold.training, others + block.origin, reach_of(library, layout))]
                 if rows.size:
                     found[f, g] = compress([replace(own, rows=rows)])
     return found
@@ -457,15 +474,20 @@ def _inside(runs: list[slice], places: np.ndarray, reach: int) -> np.ndarray:
     return (own >= 0) & (places < stops[own]) & (places - starts[own] >= reach)
 
 
-def _select_size(choices: list[Compressed], paths, bound: list[LinearConstraints], size: dict):
-    """Return the terms of every output for one way of choosing their number, at the better origin."""
+def _select_size(
+    choices: list[Compressed], paths, bound: list[LinearConstraints], size: dict, max_terms: int
+) -> list[Selected]:
+    """Return the terms of every output for one way of choosing their number, at the better origin.
+
+    A criterion chooses up to ``max_terms``; a number that is given may be larger.
+    """
     criterion = size.get("criterion", "ebic")
     found = []
     for compressed, own in zip(choices, paths, strict=True):
         selected = []
         for i, path in enumerate(own):
             n = size.get("n_terms")
-            count = min(n, len(path.supports) - 1) if n else path.best_size(criterion)
+            count = min(n, len(path.supports) - 1) if n else path.up_to(max_terms).best_size(criterion)
             selected.append(
                 estimate_terms(compressed, i, path, count, criterion, bound[i] if len(bound[i]) else None)
             )

@@ -5,7 +5,7 @@ the criterion's business. On the factor R every inner product of the data is at 
 any search costs the same whatever the number of samples was.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -79,6 +79,10 @@ class SelectionPath:
         fitted it gives N / (N - k) times that, without bound towards k = N, where anything fits.
         """
         return min(len(self.supports) - 1, self.n_samples // 2)
+
+    def up_to(self, n_terms: int) -> "SelectionPath":
+        """Return the path without sets of more terms."""
+        return replace(self, supports=self.supports[: n_terms + 1], rss=self.rss[: n_terms + 1])
 
     def best_size(self, name: str) -> int:
         """Return the comparable size at the criterion's global minimum (not where it first rises)."""
