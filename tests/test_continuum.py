@@ -15,7 +15,15 @@ from narx_sklearn.identification.hysteresis import (
     rate_independent_structure,
     resting_dynamics,
 )
-from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Play, TermLibrary, free_run
+from narx_sklearn.model import (
+    Difference,
+    DifferenceSign,
+    NARXModel,
+    Play,
+    SmoothSign,
+    TermLibrary,
+    free_run,
+)
 from narx_sklearn.physics import PIEZO_BENCH
 from narx_sklearn.signals import prfs
 
@@ -157,6 +165,17 @@ def test_differences_of_the_output_count_among_the_eigenvalues():
     # y[k] = y[k-1] + 0.4 (y[k-1] - y[k-2]): (z - 1)(z - 0.4)
     model = NARXModel.from_equations("y[k-1] + 0.4*dy[k-1]", phi=[Difference("y", name="dy")])
     assert_allclose(resting_dynamics(model).eigenvalues, [1.0, 0.4], atol=1e-12)
+
+
+def test_smooth_signs_of_the_output_count_among_the_eigenvalues():
+    # near rest 0.1 tanh(dy / 0.05) is 2 dy: (z - 1)(z - 2), and a touch of the input sets it off
+    phi = [SmoothSign("y", width=0.05, name="sign"), Difference("u", name="phi1")]
+    model = NARXModel.from_equations("y[k-1] + 0.1*sign[k-1] + phi1[k-1]", phi=phi)
+    rest = resting_dynamics(model)
+    assert_allclose(rest.eigenvalues, [1.0, 2.0], atol=1e-12)
+    assert not rest.holds
+    touched = np.repeat([0.0, 1e-3], [5, 200])[:, None]
+    assert np.ptp(free_run(model, touched, np.zeros((2, 1))).y[-100:]) > 1.0
 
 
 def test_one_of_two_outputs_may_have_the_continuum():

@@ -344,7 +344,7 @@ def resting_dynamics(model: NARXModel, n_free: int | None = None) -> RestingDyna
     Notes
     -----
     At rest differences and signs vanish, and so do the derivatives of their products with anything. What is
-    left of the Jacobian are linear outputs, and linear first differences of outputs.
+    left of the Jacobian are linear outputs, and linear first differences and smooth signs of outputs.
 
     References
     ----------
@@ -368,12 +368,17 @@ def resting_dynamics(model: NARXModel, n_free: int | None = None) -> RestingDyna
         for p in model.phi
         if isinstance(p, Difference) and p.signal in model.outputs
     }
+    steps |= {
+        str(p.name): ((p.signal, 0, 1.0 / p.width), (p.signal, 1, -1.0 / p.width))  # the slope of tanh at 0
+        for p in model.phi
+        if isinstance(p, SmoothSign) and p.signal in model.outputs
+    }
     slopes = np.zeros((model.max_lag + 1, n, n))
     for term, row in zip(model.library, model.parameters, strict=True):
         if term.degree == 1:
             variable = term.variables[0]
-            for signal, reach, sign in steps.get(variable.signal, ()):
-                slopes[variable.lag + reach, :, model.outputs.index(signal)] += sign * row
+            for signal, reach, weight in steps.get(variable.signal, ()):
+                slopes[variable.lag + reach, :, model.outputs.index(signal)] += weight * row
     depth = int(np.flatnonzero(slopes.any(axis=(1, 2))).max(initial=1))  # longest lag of an output
     slopes = slopes[: depth + 1]
     companion = np.eye(n * depth, k=-n)
