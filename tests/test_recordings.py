@@ -13,6 +13,7 @@ from narx_sklearn.identification import Factor, record, recordings
 from narx_sklearn.identification.many import by_session, free_run_many
 from narx_sklearn.identification.record import Moments
 from narx_sklearn.identification.recordings import Recordings
+from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.model import FunctionPhi, NARXModel, Play
 
 LENGTHS = (400, 150, 300)
@@ -436,6 +437,21 @@ def test_free_runs_over_many_recordings_are_the_single_runs(files):
         row = found.table.set_index("recording").loc[path]
         np.testing.assert_allclose(row["rmse"], np.sqrt(np.mean((y - run.y[:, 0])[1:] ** 2)))
         assert row["stopped_at"] == -1
+
+
+def test_what_is_not_simulated_is_not_judged():
+    rng = np.random.default_rng(0)
+    X, y = rng.normal(size=(300, 1)), rng.normal(size=300)
+    X[100:200] = np.nan
+    y[50] = np.nan
+    row = free_run_many(MODEL, [(X, y)]).table.iloc[0]
+    run = free_run(MODEL, X, y).y[:, 0]
+    # sample 0, and sample 200 after the gap, are where the runs start from
+    judged = np.setdiff1d(np.r_[1:100, 201:300], [50])
+    assert row["n_samples"] == judged.size
+    np.testing.assert_allclose(row["rmse"], np.sqrt(np.mean((y - run)[judged] ** 2)))
+    np.testing.assert_allclose(row["r2"], 1 - np.mean((y - run)[judged] ** 2) / y[judged].var())
+    np.testing.assert_allclose(free_run_score(MODEL, X, y), row["r2"])
 
 
 def test_a_divergent_recording_is_told_by_its_sample():

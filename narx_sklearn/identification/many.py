@@ -9,7 +9,14 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from narx_sklearn._validation import as_signals, check_indexes, check_same_length, session_slices
+from narx_sklearn._validation import (
+    as_signals,
+    check_indexes,
+    check_same_length,
+    finite_rows,
+    finite_slices,
+    session_slices,
+)
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import FreeRun, free_run
@@ -48,7 +55,7 @@ def free_run_many(model: NARXModel, recordings, *, n_jobs: int | None = None) ->
         The model.
     recordings : mapping or list of (X, y)
         Inputs and measured outputs of each recording, by name or in order. The first ``model.max_lag``
-        outputs of each are the initial condition and are not judged.
+        outputs of each, and after each gap of the inputs, are the initial condition and are not judged.
     n_jobs : int, default=None
         Recordings simulated at the same time; results do not depend on it.
 
@@ -92,10 +99,12 @@ def _run_one(model: NARXModel, name, X, y) -> tuple[FreeRun, list[dict]]:
             run = free_run(model, X, y)
     except ValueError as error:
         raise ValueError(f"Recording {name!r}: {error}") from error
+    given = finite_rows(X)
+    for piece in finite_slices([slice(0, X.shape[0])], given):
+        given[piece.start : min(piece.start + model.max_lag, piece.stop)] = False
     rows = []
     for i, output in enumerate(model.outputs):
-        judged = np.isfinite(y[:, i])
-        judged[: model.max_lag] = False
+        judged = np.isfinite(y[:, i]) & given
         measured = y[judged, i]
         spread = float(measured.std()) if measured.size else np.nan
         if not measured.size:
@@ -103,7 +112,7 @@ def _run_one(model: NARXModel, name, X, y) -> tuple[FreeRun, list[dict]]:
         elif run.stopped_at is not None:
             rmse = np.inf
         else:
-            rmse = float(np.sqrt(np.nanmean((measured - run.y[judged, i]) ** 2)))
+            rmse = float(np.sqrt(np.mean((measured - run.y[judged, i]) ** 2)))
         nrmse = rmse / spread if spread > 0 else np.nan
         rows.append(
             {

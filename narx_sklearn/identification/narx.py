@@ -809,7 +809,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     def score(self, X, y, sample_weight=None, sessions=None):
         """Return R² of the free run.
 
-        The first ``model_.max_lag`` outputs of each session are the initial condition and are not scored.
+        The first ``model_.max_lag`` outputs of each session, and after each gap of the input, are the initial
+        condition and are not scored.
 
         Parameters
         ----------

@@ -4,7 +4,14 @@ import warnings
 
 import numpy as np
 
-from narx_sklearn._validation import as_signals, check_indexes, check_same_length, session_slices
+from narx_sklearn._validation import (
+    as_signals,
+    check_indexes,
+    check_same_length,
+    finite_rows,
+    finite_slices,
+    session_slices,
+)
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.metrics import DIVERGED_SCORE, r2_score_of
 from narx_sklearn.model.narx import NARXModel
@@ -16,7 +23,8 @@ __all__ = ["FreeRunJudge", "free_run_score"]
 def free_run_score(model: NARXModel, X, y, *, sessions=None, sample_weight=None) -> float:
     """Return R² of a model's free run on a record.
 
-    The first ``max_lag`` outputs of each session are the initial condition and are not scored.
+    The first ``max_lag`` outputs of each session, and after each gap of the input, are the initial condition
+    and are not scored.
 
     Parameters
     ----------
@@ -59,8 +67,9 @@ class FreeRunJudge:
         check_same_length(X=self.X, y=self.y)
         self.sessions = sessions
         self.weight = None if sample_weight is None else np.asarray(sample_weight, dtype=float)
-        self.pieces = session_slices(sessions, self.X.shape[0])
-        self.known = np.isfinite(self.y).all(axis=1) & np.isfinite(self.X).all(axis=1)
+        given = finite_rows(self.X)
+        self.pieces = finite_slices(session_slices(sessions, self.X.shape[0]), given)
+        self.known = finite_rows(self.y) & given
 
     def score(self, model: NARXModel) -> float:
         """Return R² of the model's free run, as `free_run_score` defines it."""
