@@ -1,6 +1,7 @@
 """Recordings in files: the model of the arrays, corrupt files by name, interrupted fits resumed."""
 
 import json
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,7 @@ from narx_sklearn.identification.many import by_session, free_run_many
 from narx_sklearn.identification.record import Moments
 from narx_sklearn.identification.recordings import Recordings
 from narx_sklearn.identification.scoring import free_run_score
-from narx_sklearn.model import FunctionPhi, NARXModel, Play
+from narx_sklearn.model import AbsoluteDifference, Difference, FunctionPhi, NARXModel, Play
 
 LENGTHS = (400, 150, 300)
 
@@ -402,6 +403,39 @@ def test_fit_forgets_the_batches_before_it():
     narx.fit(u[:, None], y).partial_fit(v[:, None], z)
     alone = NARXRegressor(2, 2, refine=False).partial_fit(v[:, None], z)
     np.testing.assert_array_equal(narx.coef_, alone.coef_)
+
+
+@pytest.mark.parametrize(
+    ("change", "other"),
+    [
+        ({"degree": 3}, "candidate terms"),
+        ({"phi": [AbsoluteDifference("u")]}, "phi"),
+        ({"names": "v"}, "inputs"),
+        ({"outputs": 2}, "outputs"),
+    ],
+)
+def test_a_batch_of_another_problem_is_refused_and_does_not_count(change, other):
+    u, y = simulate(400, 0)
+    X = u[:, None]
+    stream = NARXRegressor(2, 2, phi=[Difference("u")], refine=False).partial_fit(X[:200], y[:200])
+    before = stream.coef_
+    rest = X[200:], y[200:]
+    if "names" in change:
+        rest = pd.DataFrame(rest[0], columns=["v"]), rest[1]
+        stream.set_params(phi=[Difference("v")])
+    elif "outputs" in change:
+        rest = rest[0], np.column_stack([y, y])[200:]
+    else:
+        stream.set_params(**change)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # scikit-learn's, of names that were not there before
+        with pytest.raises(ValueError, match=f"other {other} than the batches before"):
+            stream.partial_fit(*rest)
+    np.testing.assert_array_equal(stream.coef_, before)
+    stream.set_params(degree=2, phi=[Difference("u")]).partial_fit(X[200:], y[200:])
+    twice = NARXRegressor(2, 2, phi=[Difference("u")], refine=False)
+    twice.partial_fit(X[:200], y[:200]).partial_fit(X[200:], y[200:])
+    np.testing.assert_array_equal(stream.coef_, twice.coef_)
 
 
 def test_forgetting_that_is_no_number_is_refused_for_streams():

@@ -1,5 +1,6 @@
 """NARXRegressor: identification of polynomial NARX models as a scikit-learn estimator."""
 
+import textwrap
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -313,7 +314,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _forget(self) -> None:
         """Drop the model and the batches of earlier fits; an interrupted fit leaves nothing to be used."""
-        for name in ("model_", "_batches", "_end"):
+        for name in ("model_", "_batches", "_end", "_problem"):
             self.__dict__.pop(name, None)
 
     def _fit(self, X, y, sessions):
@@ -370,6 +371,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         with the same weights. Free-run refinement and ``"els"`` and ``"rls"`` need the raw data and are not
         available here. `fit` forgets the batches before it: one after it is a first batch.
 
+        A batch with other signals or candidates than those before it is refused, and does not count.
+
         Parameters
         ----------
         X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
@@ -382,6 +385,11 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        ValueError
+            If a parameter is not valid, or the batch does not go on with those before it.
         """
         self._check_parameters()
         if self.estimator in ("els", "rls"):
@@ -400,17 +408,36 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         constraints = self._constraints(problem)
         if first:
             choices = self._compress(problem, constraints, record)
-            self._batches = [Batches.begin(compressed, record) for compressed in choices]
+            batches = [Batches.begin(compressed, record) for compressed in choices]
         else:
+            self._check_same_problem(problem)
             record = self._continued(record)
-            self._batches = [before.add(record, float(self.forgetting)) for before in self._batches]
-        self._keep_end(record)
-        selected = self._select_best([batches.compressed for batches in self._batches], constraints)
-        (taken,) = (b for b in self._batches if b.compressed is selected[0].compressed)
+            batches = [before.add(record, float(self.forgetting)) for before in self._batches]
+        selected = self._select_best([b.compressed for b in batches], constraints)
+        (taken,) = (b for b in batches if b.compressed is selected[0].compressed)
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
+        self._problem, self._batches = problem, batches
+        self._keep_end(record)
         self._store(model, selected, None, "equation")
         self.uncertainty_ = self._uncertainty(constraints, taken.scores)
         return self
+
+    def _check_same_problem(self, problem: Problem) -> None:
+        """Refuse a batch with other signals or candidates than the batches before it."""
+        before = self._problem
+        for what, was, now in (
+            ("outputs", before.outputs, problem.outputs),
+            ("inputs", before.inputs, problem.inputs),
+            ("phi", before.phi, problem.phi),
+            ("candidate terms", before.library, problem.library),
+        ):
+            if was != now:
+                new, old = (textwrap.shorten(str(side), 60, placeholder=" ...") for side in (now, was))
+                raise ValueError(
+                    f"This batch has other {what} than the batches before it: {new} instead of {old}. "
+                    "Name its columns alike and keep the parameters that say what is a candidate, or call "
+                    "fit, which forgets the batches."
+                )
 
     def _keep_end(self, record: Record) -> None:
         """Keep what the lags of a next batch of the same session will read."""
