@@ -641,6 +641,20 @@ def test_a_pole_is_no_root():
     assert run.counts.no_solution == 1  # 1 / 0.2 lies beyond the limits
 
 
+def test_a_copy_of_a_state_calls_no_function():
+    def of_positive_inputs(u):
+        if np.any(u <= 0.0):
+            raise KeyError("no table for this input")
+        return np.log(u)
+
+    model = NARXModel.from_equations(
+        "u[k-1] + f[k-2]", phi=[FunctionPhi(of_positive_inputs, ["u[k]"], name="f")]
+    )
+    state = limited(root_law(model)).start(1.0, 1.0)
+    twin = state.copy()
+    assert twin.step(2.0) == state.step(2.0)
+
+
 def test_an_error_in_a_function_reaches_the_caller():
     def broken(u):
         raise KeyError("no table for this input")

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
@@ -483,8 +484,8 @@ class LawState:
 
     def copy(self) -> "LawState":
         """Return an independent copy, to branch or to warm-start from."""
-        twin = LawState(self.law, 0.0, 0.0)
-        twin.values[:] = self.values
+        twin = copy(self)  # a new state would call the user's functions where it rests
+        twin.values, twin._known = self.values.copy(), self._known.copy()
         return twin
 
 
