@@ -176,3 +176,14 @@ def test_of_a_chaotic_run_whose_sensitivities_overflow_nothing_is_claimed():
     with pytest.warns(NarxWarning, match="nothing is known of the parameters' uncertainty"):
         narx = NARXRegressor(1, 1, refine=True).fit(X, y[:, 0])
     assert np.isnan(narx.confidence_intervals()).all()
+
+
+def test_outputs_may_be_a_vector_and_lengths_must_agree():
+    X, y = measured(TRUTH)
+    plain = refine_free_run(perturbed(TRUTH), X, y)
+    vector = refine_free_run(perturbed(TRUTH), X[:, 0], y[:, 0])
+    np.testing.assert_array_equal(vector.model.parameters, plain.model.parameters)
+    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+        refine_free_run(TRUTH, X[:100], y)
+    with pytest.raises(ValueError, match="y has 1 columns"):
+        refine_free_run(TWO_OUTPUTS, X, y)

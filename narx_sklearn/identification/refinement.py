@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from narx_sklearn._validation import finite_slices, session_slices
+from narx_sklearn._validation import (
+    as_signals,
+    check_indexes,
+    check_same_length,
+    finite_slices,
+    session_slices,
+)
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.selection import EXACT
@@ -164,7 +170,7 @@ def refine_free_run(
         Where to start.
     X : array-like of shape (n_samples, n_inputs)
         Inputs; NaN marks gaps.
-    y : array-like of shape (n_samples, n_outputs)
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Measured outputs; NaN where none is.
     sessions : array-like of shape (n_samples,), default=None
         One label a sample.
@@ -183,11 +189,23 @@ def refine_free_run(
     -------
     FreeRunFit
 
+    Raises
+    ------
+    ValueError
+        If ``X`` and ``y`` differ in length, or do not fit the model.
+
     References
     ----------
     L. Piroddi and W. Spinelli (2003), simulation-error minimisation for polynomial NARX models.
     """
-    X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
+    check_indexes(X, y)
+    X, y = as_signals(X, "X"), as_signals(y, "y")
+    check_same_length(X=X, y=y, sessions=sessions)
+    for name, side, signals in (("X", X, model.inputs), ("y", y, model.outputs)):
+        if side.shape[1] != len(signals):
+            raise ValueError(
+                f"{name} has {side.shape[1]} columns; those of the model's {list(signals)} are wanted."
+            )
     scatter = np.nanvar(y, axis=0)
     weights = np.where(scatter > 0, scatter.max() / np.where(scatter > 0, scatter, 1.0), 0.0)
     columns, terms = np.nonzero(model.parameters.T)
