@@ -295,6 +295,27 @@ def test_gaps_are_left_out_and_come_back_as_nan(record):
     assert np.isfinite(np.delete(prediction, np.s_[700:705])).all()
 
 
+FOUR = ["y[k-1] = 0.6", "y[k-2] = -0.2", "u[k-1] = 1", "u[k-2] = 0.5"]
+
+
+def test_sizes_that_constraints_rule_out_are_not_tried(record):
+    X, y = record
+    narx = NARXRegressor(2, 2, constraints=FOUR, size="free_run", max_terms=6, refine=False).fit(X, y)
+    assert {"y[k-1]", "y[k-2]", "u[k-1]", "u[k-2]"} <= set(narx.terms_)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"n_terms": 2}, "no set of 2 terms satisfies the constraints"),
+        ({"max_terms": 3}, "constraints need 4 terms, but at most 3"),
+    ],
+)
+def test_constraints_on_more_terms_than_allowed_are_refused(record, parameters, message):
+    with pytest.raises(ValueError, match=message):
+        NARXRegressor(2, 2, constraints=FOUR, refine=False, **parameters).fit(*record)
+
+
 def test_batches_give_the_model_of_the_whole(record):
     X, y = record
     batches = NARXRegressor(3, 3, degree=3, origin="zero")

@@ -95,6 +95,16 @@ def test_a_number_of_terms_is_judged_as_it_is_fitted():
     assert len(search.set_params(criterion=[], refine=False).fit(X, y).best_estimator_.terms_) == 8
 
 
+def test_numbers_of_terms_that_constraints_rule_out_come_last():
+    X, y = make_record(200)
+    search = NARXRegressorCV(
+        [2], [2], degree=[2], max_terms=4, cv=2, constraints=["y[k-1] = 0.6", "y[k-2] = -0.2"], refine=False
+    ).fit(X, y)
+    np.testing.assert_array_equal(search.cv_results_["mean_test_score"] == -1e6, [True, False, False, False])
+    assert search.cv_results_["mean_n_terms"].tolist() == [1, 2, 3, 4]
+    assert search.best_params_["n_terms"] == 4
+
+
 def test_a_fit_without_names_forgets_those_of_the_fit_before():
     X, y = make_record(100)
     search = NARXRegressorCV([1], [1], degree=[1], cv=2).fit(pd.DataFrame(X, columns=["drive"]), y)

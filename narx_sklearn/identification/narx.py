@@ -416,7 +416,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         selected = self._select_best([b.compressed for b in batches], constraints)
         (taken,) = (b for b in batches if b.compressed is selected[0].compressed)
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
-        self._problem, self._batches = problem, batches
+        self._problem = problem
+        self._batches: list[Batches] = batches
         self._keep_end(record)
         self._store(model, selected, None, "equation")
         self.uncertainty_ = self._uncertainty(constraints, taken.scores)
@@ -610,6 +611,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             window = size_window(minima, one.path.longest_comparable)
             best = np.inf
             for size in window:
+                if not np.isfinite(one.path.rss[size]):  # constraints ask for more terms
+                    continue
                 trial = estimate_terms(
                     one.compressed, output, one.path, size, self.criterion,
                     on_screened(constraints[output], self._library, one.compressed.library),

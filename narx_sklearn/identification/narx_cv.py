@@ -265,6 +265,9 @@ sampling_period
             judged: dict = {}
             for s, size in enumerate(sizes):
                 selected = _select_size(choices, paths, bound, size, self.max_terms)
+                if selected is None:  # the score of a divergence stays
+                    counts[g, s] = size.get("n_terms", 0)
+                    continue
                 model = build_model(selected, problem)
                 key = (model.library, tuple(model.origin))
                 if key not in judged:
@@ -476,23 +479,29 @@ def _inside(runs: list[slice], places: np.ndarray, reach: int) -> np.ndarray:
 
 def _select_size(
     choices: list[Compressed], paths, bound: list[LinearConstraints], size: dict, max_terms: int
-) -> list[Selected]:
+) -> list[Selected] | None:
     """Return the terms of every output for one way of choosing their number, at the better origin.
 
-    A criterion chooses up to ``max_terms``; a number that is given may be larger.
+    A criterion chooses up to ``max_terms``; a number that is given may be larger. None where constraints rule
+    it out.
     """
     criterion = size.get("criterion", "ebic")
     found = []
     for compressed, own in zip(choices, paths, strict=True):
-        selected = []
-        for i, path in enumerate(own):
-            n = size.get("n_terms")
-            count = min(n, len(path.supports) - 1) if n else path.up_to(max_terms).best_size(criterion)
-            selected.append(
+        n = size.get("n_terms")
+        counts = [
+            min(n, len(path.supports) - 1) if n else path.up_to(max_terms).best_size(criterion)
+            for path in own
+        ]
+        if not all(np.isfinite(path.rss[count]) for path, count in zip(own, counts, strict=True)):
+            continue
+        found.append(
+            [
                 estimate_terms(compressed, i, path, count, criterion, bound[i] if len(bound[i]) else None)
-            )
-        found.append(selected)
-    return min(found, key=lambda selected: total_criterion(selected, criterion))
+                for i, (path, count) in enumerate(zip(own, counts, strict=True))
+            ]
+        )
+    return min(found, key=lambda selected: total_criterion(selected, criterion)) if found else None
 
 
 def _choices(value, name: str) -> list:

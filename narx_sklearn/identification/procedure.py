@@ -544,6 +544,12 @@ def select_terms(
     path = search_terms(compressed.factor, longest, search=search, output=output, constraints=scaled)
     path = replace(path, n_considered=compressed.n_considered)
     size = min(n_terms, len(path.supports) - 1) if n_terms is not None else path.best_size(criterion)
+    if not np.isfinite(path.rss[size]):
+        possible = np.flatnonzero(np.isfinite(path.rss)).tolist()
+        raise ValueError(
+            f"n_terms={n_terms}, but no set of {size} terms satisfies the constraints; the smallest have "
+            f"{', '.join(map(str, possible[:3]))} terms. Pass one of these, or fewer constraints."
+        )
     return estimate_terms(compressed, output, path, size, criterion, constraints, alpha)
 
 

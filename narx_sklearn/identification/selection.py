@@ -412,6 +412,12 @@ def _search_constrained(
         support = solved.support(chosen)
         if len(support) <= n_terms and (len(support) not in by_size or rss < by_size[len(support)][1]):
             by_size[len(support)] = (support, rss)
+    if not by_size:
+        fewest = min(len(solved.support(chosen)) for chosen in path.supports)
+        raise ValueError(
+            f"The constraints need {fewest} terms, but at most {n_terms} may be selected. Raise max_terms "
+            "(or n_terms), or pass fewer constraints."
+        )
     # sizes below the constraints' own terms do not exist; they stand in the path as never worth taking
     sizes = range(max(by_size) + 1)
     supports = tuple(by_size[n][0] if n in by_size else () for n in sizes)
@@ -491,14 +497,15 @@ def criterion_minima(values, *, flat: float = 1e-3) -> list[int]:
     values = np.asarray(values, dtype=float)
     finite = values[np.isfinite(values)]
     tolerance = flat * (finite.max() - finite.min()) if finite.size else 0.0
+    with np.errstate(invalid="ignore"):  # sizes that constraints rule out, next to each other
+        flat_step = np.abs(np.diff(values)) <= tolerance
     minima: list[int] = []
     for size in range(1, values.size):
         falls_into = values[size] < values[size - 1]
         last = size == values.size - 1
         rises_after = last or values[size + 1] >= values[size]
-        flat_after = not last and abs(values[size + 1] - values[size]) <= tolerance
-        flat_before = abs(values[size] - values[size - 1]) <= tolerance
-        if falls_into and (rises_after or flat_after) and not (flat_before and minima):
+        flat_after = not last and flat_step[size]
+        if falls_into and (rises_after or flat_after) and not (flat_step[size - 1] and minima):
             minima.append(size)
     return minima or [int(np.argmin(values))]
 
