@@ -162,7 +162,7 @@ def test_phi_regressors_are_candidates_like_signals():
 # -- constraints, estimators, refinement ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("estimator", ["ls", "ridge"])
+@pytest.mark.parametrize("estimator", ["ls", "ridge", "els", "rls"])
 @pytest.mark.parametrize("refine", [False, True])
 def test_constraints_hold_to_rounding(record, estimator, refine):
     X, y = record

@@ -32,6 +32,11 @@ class LinearConstraints:
     def __len__(self) -> int:
         return self.c.size
 
+    @classmethod
+    def none(cls, n_terms: int) -> "LinearConstraints":
+        """Return no constraints on ``n_terms`` parameters."""
+        return cls(np.zeros((0, n_terms)), np.zeros(0))
+
     @property
     def terms(self) -> np.ndarray:
         """Indices of the terms that any constraint names."""
@@ -155,7 +160,7 @@ def parse_constraints(constraints, library: TermLibrary, *, intercept: str = "co
     """
     n_terms = len(library)
     if constraints is None or (not isinstance(constraints, str) and len(constraints) == 0):
-        return LinearConstraints(np.zeros((0, n_terms)), np.zeros(0))
+        return LinearConstraints.none(n_terms)
     if isinstance(constraints, tuple) and not all(isinstance(part, str) for part in constraints):
         S, c = (np.atleast_1d(np.asarray(part, dtype=float)) for part in constraints)
         S = np.atleast_2d(S)

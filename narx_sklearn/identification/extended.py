@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.regressors import Candidates
 
 __all__ = ["extended_least_squares"]
@@ -11,7 +12,11 @@ TOLERANCE = 1e-8
 
 
 def extended_least_squares(
-    candidates: Candidates, output: int, theta: np.ndarray, noise_lags: int
+    candidates: Candidates,
+    output: int,
+    theta: np.ndarray,
+    noise_lags: int,
+    constraints: LinearConstraints | None = None,
 ) -> np.ndarray:
     """Estimate parameters with a moving average of the residuals in the regression.
 
@@ -25,9 +30,11 @@ def extended_least_squares(
     output : int
         Which output.
     theta : ndarray of shape (n_terms,)
-        Least-squares parameters to start from.
+        Least-squares parameters to start from; they obey the constraints.
     noise_lags : int
         Number of lagged residuals.
+    constraints : LinearConstraints, default=None
+        Equality constraints on the parameters of the terms, solved in their solution space.
 
     Returns
     -------
@@ -38,7 +45,10 @@ def extended_least_squares(
     ----------
     L. Ljung (1999), System Identification, section 10.3; S. Billings (2013), section 3.4.
     """
-    Psi, y = candidates.matrix(), candidates.targets[:, output]
+    fixed, free = (constraints or LinearConstraints.none(theta.size)).solution_space()
+    Psi = candidates.matrix()
+    y = candidates.targets[:, output] - Psi @ fixed
+    Psi, theta = Psi @ free, free.T @ (theta - fixed)
     start = candidates.recording.session_start[candidates.rows]
     residual = y - Psi @ theta
     for _ in range(MAX_ITERATIONS):
@@ -53,7 +63,7 @@ def extended_least_squares(
         residual = y - both @ solution
         if change <= TOLERANCE * np.abs(theta).max(initial=1.0):
             break
-    return theta
+    return fixed + free @ theta
 
 
 def _lag(residual: np.ndarray, rows: np.ndarray, start: np.ndarray, lag: int) -> np.ndarray:

@@ -44,6 +44,7 @@ from narx_sklearn.identification.procedure import (
     on_screened,
     origin_choices,
     parameter_scales,
+    scaled_constraints,
     scaled_layout,
     scores_on_factors,
     select_terms,
@@ -330,7 +331,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             if self.size == "free_run" and self.n_terms is None:
                 selected = self._size_by_free_run(selected, problem, constraints, *samples)
             if self.estimator in ("els", "rls"):
-                selected = [self._estimate_again(one, i, *samples) for i, one in enumerate(selected)]
+                selected = [
+                    self._estimate_again(one, i, constraints[i], *samples) for i, one in enumerate(selected)
+                ]
         model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
         refinement, noise = None, "equation"
         if record.in_memory:
@@ -633,18 +636,27 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             information_criterion(self.criterion, fit.loss, fit.n_samples, model.n_terms, n_candidates)
         )
 
-    def _estimate_again(self, one: Selected, output: int, X, y, sessions) -> Selected:
+    def _estimate_again(self, one: Selected, output: int, constraints, X, y, sessions) -> Selected:
         """Extended or recursive estimates of the terms that least squares chose."""
         layout = one.compressed.layout
         candidates = Candidates.of(one.library, layout, lay_out(layout, X, y, sessions))
+        inside = on_screened(constraints, self._library, one.compressed.library)
+        inside = scaled_constraints(one.compressed, output, inside) or LinearConstraints.none(
+            len(one.compressed.library)
+        )
+        inside = inside.restrict(one.support)
         if self.estimator == "els":
-            theta = extended_least_squares(candidates, output, one.theta, self.noise_lags)
+            theta = extended_least_squares(candidates, output, one.theta, self.noise_lags, inside)
         else:
-            start = one.theta
+            fixed, free = inside.solution_space()
+            Psi = candidates.matrix()
             estimate = recursive_least_squares(
-                candidates.matrix(), candidates.targets[:, output], forgetting=self.forgetting, theta=start
+                Psi @ free,
+                candidates.targets[:, output] - Psi @ fixed,
+                forgetting=self.forgetting,
+                theta=free.T @ (one.theta - fixed),
             )
-            theta = estimate.theta
+            theta = fixed + free @ estimate.theta
         return replace(one, theta=theta)
 
     def _refine(self, model, selected, constraints, X, y, sessions):
