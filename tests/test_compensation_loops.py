@@ -56,6 +56,14 @@ def test_a_reference_shorter_than_a_law_looks_ahead_is_held_in_a_loop(n_samples)
     np.testing.assert_allclose(run.m, compensator.predict(r[:, None]))
 
 
+@pytest.mark.parametrize("side", ["reference", "disturbance"])
+def test_a_loop_takes_no_gaps(side):
+    signals = {"reference": np.ones(5), "disturbance": np.zeros(5)}
+    signals[side][2] = np.nan
+    with pytest.raises(ValueError, match=f"{side} is not finite at sample 2"):
+        simulate_loop(lambda u: u, controller=PID(kp=1.0), **signals)
+
+
 def test_a_linear_loop_follows_its_own_recursion():
     # y[k] = 0.5 m[k], m[k] = r + 0.4 sum of (r - y) up to k-1
     run = simulate_loop(lambda u: 0.5 * u, np.ones(5), controller=PID(ki=0.4))

@@ -193,7 +193,8 @@ def simulate_loop(
     Raises
     ------
     ValueError
-        If lengths differ or the compensator wants more than a reference.
+        If lengths differ, the reference or the disturbance has gaps, or the compensator wants more than a
+        reference.
 
     Examples
     --------
@@ -208,6 +209,10 @@ def simulate_loop(
     d = np.zeros(r.size) if disturbance is None else as_signals(disturbance, "disturbance")[:, 0]
     if d.size != r.size:
         raise ValueError(f"disturbance has {d.size} samples, the reference {r.size}; they must be as many.")
+    for name, side in (("reference", r), ("disturbance", d)):
+        if not np.isfinite(side).all():
+            k = int(np.flatnonzero(~np.isfinite(side))[0])
+            raise ValueError(f"{name} is not finite at sample {k}; a loop needs it at every sample.")
     e = noise * np.random.default_rng(random_state).standard_normal(r.size)
     stepped = SteppedPlant(plant)
     law_state, horizon = None, 0
