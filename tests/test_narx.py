@@ -514,6 +514,8 @@ def test_rank_loss_of_fixed_terms_warns():
         ({"constraints": "y[k-1] + 1"}, "write it like"),
         ({"constraints": (np.ones((1, 2)), [1.0])}, "must be"),
         ({"refine": "maybe"}, "refine must be"),
+        ({"origin": None}, "origin must be"),
+        ({"alpha": np.inf}, "alpha must be"),
         ({"alpha": -1.0}, "alpha must be"),
         ({"exclude": ["y[k-1]"]}, "term cluster"),
     ],
@@ -521,6 +523,15 @@ def test_rank_loss_of_fixed_terms_warns():
 def test_wrong_parameters_are_refused_with_what_is_wanted(record, parameters, message):
     with pytest.raises((ValueError, TypeError), match=message):
         NARXRegressor(**parameters).fit(*record)
+
+
+@pytest.mark.parametrize("none", [0, [], (), np.array([], dtype=int)])
+def test_a_model_without_inputs_needs_no_column(none):
+    y = 0.9 ** np.arange(50) + 1e-3 * np.random.default_rng(0).normal(size=50)
+    X = np.empty((50, 0))
+    narx = NARXRegressor(1, none, degree=1, n_terms=1, refine=False, origin="zero").fit(X, y)
+    assert narx.terms_ == ["y[k-1]"]
+    assert narx.predict(X, y_init=y[:1]).shape == (50,)
 
 
 def test_wrong_data_are_refused_with_what_came(record):

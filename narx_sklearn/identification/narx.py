@@ -2,7 +2,7 @@
 
 import textwrap
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
@@ -105,7 +105,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Lags of the outputs: n means 1 to n, a list means itself. One for each output as a list of lists
         or a mapping from names. 0 or an empty list for none.
     input_lags : int, list of int, or one of these for each input, default=1
-        Lags of the inputs: n means ``delay`` to n, a list means itself.
+        Lags of the inputs: n means ``delay`` to n, a list means itself. 0 or an empty list for a model
+        without inputs.
     phi : sequence of Phi, default=()
         Functions of inputs and outputs that are candidates like signals; see `narx_sklearn.model.Phi`.
         Unnamed ones become ``phi1``, ``phi2``, ...
@@ -483,13 +484,18 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 continue
             if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
                 raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
-        if not isinstance(self.alpha, Real) or not float(self.alpha) >= 0.0:
-            raise ValueError(f"alpha must be a number of at least 0, got {self.alpha!r}.")
+        if not isinstance(self.alpha, Real) or not 0.0 <= float(self.alpha) < np.inf:
+            raise ValueError(f"alpha must be a finite number of at least 0, got {self.alpha!r}.")
         known = self.refine == "auto" if isinstance(self.refine, str) else self.refine in (True, False)
         if not known:
             raise ValueError(f"refine must be 'auto', True or False, got {self.refine!r}.")
         if isinstance(self.origin, str):
             check_choice(self.origin, "origin", ORIGINS)
+        elif not isinstance(self.origin, Mapping):
+            raise TypeError(
+                "origin must be 'auto', 'zero', 'mean' or a mapping from names to numbers, "
+                f"got {self.origin!r}."
+            )
 
     def _open(self, X, y, sessions, *, reset: bool) -> Record:
         """Validate data and return them as a record, wherever they are."""
@@ -553,7 +559,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return Problem(outputs, inputs, phi, library), units
 
     def _has_no_inputs(self) -> bool:
-        return isinstance(self.input_lags, list | tuple) and len(self.input_lags) == 0
+        lags = self.input_lags
+        return lags == 0 if isinstance(lags, Integral) else np.ndim(lags) == 1 and len(lags) == 0
 
     def _constraints(self, problem: Problem) -> list[LinearConstraints]:
         """Return the constraints of each output."""
