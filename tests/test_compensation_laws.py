@@ -38,6 +38,7 @@ from narx_sklearn.model import (
     Polynomial,
     SmoothSign,
     Variable,
+    free_run,
     predict_one_step,
 )
 
@@ -348,6 +349,12 @@ OF_ITS_OWN = {
         "pole[k-1]", phi=[FunctionPhi(lambda u: 1.0 / u, ["u[k]"], name="pole")]
     ),
 }
+# A machine that can rest anywhere, and is moved by another input too.
+BESIDE_A_LOAD = NARXModel.from_equations(
+    "y[k-1] + du[k-1] + 0.5*dw[k-2]",
+    inputs=["u", "w"],
+    phi=[Difference("u", name="du"), Difference("w", name="dw")],
+)
 # A valve as identified: slope -0.4 - 0.9 sign d + 22 d^2 with d = u - y, negative for small d.
 RISES_AND_FALLS = NARXModel.from_equations(
     "y[k-1] - 0.4*phi1[k-1] + 0.9*y[k-1]*phi1[k-1]*phi2[k-1] - 0.9*u[k-1]*phi1[k-1]*phi2[k-1]"
@@ -626,6 +633,17 @@ def test_a_function_that_does_not_compile_is_called_as_python_and_gives_the_same
     np.testing.assert_allclose(slow, limited(root_law(model)).run(r, m=0.3).m, rtol=1e-13, atol=1e-15)
 
 
+def test_a_law_does_not_rest_while_another_input_moves():
+    law = root_law(BESIDE_A_LOAD)
+    assert law.keeps_rest
+    assert str(law).endswith("while r, w rest")
+    w = np.repeat([0.0, 1.0, 0.3], [5, 10, 10])
+    m = law.run(np.column_stack([np.zeros(25), w])).m
+    y = free_run(BESIDE_A_LOAD, np.column_stack([m, w]), np.zeros((3, 1))).y
+    np.testing.assert_allclose(y, 0.0, atol=1e-12)
+    assert np.ptp(m[-5:]) == 0.0
+
+
 def test_where_a_function_ends_there_is_no_input_but_one_near_the_end_is_found():
     law = limited(root_law(OF_ITS_OWN["root"]), limits=(-1.0, 4.0))
     run = law.run([0.0, 1.5, -0.5, 1e-3, 1.0, 1.0], m=0.5)
@@ -743,6 +761,9 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
         "explicit", (Polynomial({"r[k]": 0.6, "h[k-1]": 0.6}),), (BoucWenElement("m", 0.9, 0.8, 0.5, 1.5),)
     ),
 }
+
+
+C_LAWS["rests beside a load"] = limited(root_law(BESIDE_A_LOAD))
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")

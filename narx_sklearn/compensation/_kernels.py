@@ -51,7 +51,7 @@ class Law(NamedTuple):
     policy: int
     degree: int
     n_regimes: int
-    reach: int  # newest rows of the reference the law reads, beyond the first
+    reach: int  # newest rows of the known signals that the law reads, beyond the first
     keeps_rest: int
     branch: int
     low: float
@@ -341,12 +341,13 @@ def _moves(law, previous, side):
 
 
 @njit(nogil=True, inline="always")
-def _is_at_rest(law, window):
-    """Tell whether the reference has not moved over all rows that the law reads."""
-    last = (law.n_rows - 1) * law.n_channels + 1
+def _is_at_rest(law, window, n_known):
+    """Tell whether no known signal has moved over all rows that the law reads."""
     moves = 0.0
-    for row in range(1, law.reach + 1):
-        moves += abs(window[last - row * law.n_channels] - window[last])
+    for i in range(n_known):
+        last = (law.n_rows - 1) * law.n_channels + 1 + i
+        for row in range(1, law.reach + 1):
+            moves += abs(window[last - row * law.n_channels] - window[last])
     return moves == 0.0
 
 
@@ -368,7 +369,7 @@ def _advance(functions, law, state, known):
     state.counts[SAMPLES] += 1.0
     if law.method != SEARCH:
         _call(functions, window, row * nc)  # they do not read m[k]
-    if law.keeps_rest == 1 and _is_at_rest(law, window):
+    if law.keeps_rest == 1 and _is_at_rest(law, window, known.size):
         m = previous
     elif law.method == EXPLICIT:
         m = right_hand_side(window, size - nc, law.program, 0)

@@ -237,8 +237,8 @@ class _Writer:
         missing = " || ".join(f"!isfinite(known{i})" for i in range(n_known))
         rest = ""
         if law.keeps_rest:
-            r = self.macro[law.known[0]]
-            same = " && ".join(f"{r}({i}) == {r}(0)" for i in range(1, law._reference_reach + 1))
+            known = [self.macro[signal] for signal in law.known]
+            same = " && ".join(f"{s}({i}) == {s}(0)" for s in known for i in range(1, law._known_reach + 1))
             rest = f"    if ({same}) m = previous;\n    else\n"
         arguments = ", ".join(f"double known{i}" for i in range(n_known))
         lines = [

@@ -117,7 +117,7 @@ class CompensationLaw:
     n_regimes : int, default=1
         2 where loading and unloading have polynomials of their own (4.13)-(4.14).
     keeps_rest : bool, default=False
-        Hold the input while the reference does not move.
+        Hold the input while the reference, and the other known signals, do not move.
     limits : (float, float), default=(-inf, inf)
         Range of the input, in its unit.
     rate_limit : float, default=inf
@@ -238,7 +238,7 @@ class CompensationLaw:
             POLICIES[self.policy],
             self.degree,
             self.n_regimes,
-            self._reference_reach,
+            self._known_reach,
             self.keeps_rest,
             program.equation_start.size - 1,
             program.coefficients.size,
@@ -264,9 +264,10 @@ class CompensationLaw:
         )
 
     @property
-    def _reference_reach(self) -> int:
-        """Rows beyond the newest one in which the reference must rest for the law to rest."""
-        reach = {str(e.name): e.reach for e in self.elements if e.signal == REFERENCE} | {REFERENCE: 0}
+    def _known_reach(self) -> int:
+        """Rows beyond the newest one in which the known signals must rest for the law to rest."""
+        reach = {str(e.name): e.reach for e in self.elements if e.signal in self.known}
+        reach |= dict.fromkeys(self.known, 0)
         lags = (v.lag + self.horizon + reach[v.signal] for v in self.variables if v.signal in reach)
         return min(max(max(lags, default=0), 1), self._back)
 
@@ -359,7 +360,8 @@ class CompensationLaw:
         if np.isfinite(self.rate_limit):
             lines.append(f"  |{INPUT}[k] - {INPUT}[k-1]| <= {self.rate_limit:g}")
         if self.keeps_rest:
-            lines.append(f"  {INPUT}[k] = {INPUT}[k-1] while {REFERENCE} rests")
+            rest = "rests" if not self.others else "rest"
+            lines.append(f"  {INPUT}[k] = {INPUT}[k-1] while {', '.join(self.known)} {rest}")
         return "\n".join(lines)
 
     def __str__(self) -> str:
