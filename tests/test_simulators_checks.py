@@ -98,6 +98,33 @@ def test_swapped_columns_are_found():
     assert found.sentence.startswith("Input 0 (f [N]) and output 0 (q [m]) seem to be swapped.")
 
 
+def test_swapped_outputs_and_inputs_are_found():
+    def tanks(x, u, p):
+        through = p[2] * x[0]
+        return p[0] * u[0] - through, through + p[1] * u[1] - p[3] * x[1]
+
+    sim = ODESimulator(
+        tanks,
+        dt=0.5,
+        parameters={"a": 1.0, "b": 0.3, "c": 0.2, "d": 0.8},
+        states=["upper [m]", "lower [m]"],
+        inputs=["pump [V]", "valve"],
+        outputs=["upper [m]", "pressure [kPa]"],
+        output=lambda x, u, p: (x[0], 9.81 * x[1]),
+    )
+    u = lfilter([0.5], [1, -0.5], np.random.default_rng(0).normal(size=(N, 2)), axis=0)
+    y = sim.with_parameters([1.1, 0.32, 0.22, 0.75]).simulate(u)
+    y = y + 0.02 * y.std(axis=0) * np.random.default_rng(1).normal(size=y.shape)
+    assert check_record(sim, u, y) == ()
+    for given, words in (
+        ((u, y[:, ::-1]), "Output 0 (upper [m]) and output 1 (pressure [kPa]) seem to be swapped."),
+        ((u[:, ::-1], y), "Input 0 (pump [V]) and input 1 (valve) seem to be swapped."),
+    ):
+        (found,) = check_record(sim, *given)
+        assert found.code == "swapped"
+        assert found.sentence.startswith(words)
+
+
 def test_reversed_sign_is_found():
     u, y = record()
     (found,) = check_record(nominal(), u, -y)

@@ -391,10 +391,11 @@ def _told(simulator: Simulator, mistake: Mistake) -> DataFinding:
     """Return a mistake as a finding."""
     about = mistake.about
     i, j = about.get("input"), about.get("output")
+    inputs = about.get("inputs", () if i is None else (i,))
+    outputs = about.get("outputs", () if j is None else (j,))
     named = " and ".join(
-        f"{word} {index} ({signals[index]})"
-        for word, index, signals in (("input", i, simulator.inputs), ("output", j, simulator.outputs))
-        if index is not None
+        [f"input {index} ({simulator.inputs[index]})" for index in inputs]
+        + [f"output {index} ({simulator.outputs[index]})" for index in outputs]
     )
     if mistake.code == "time_scale":
         dt = about["factor"] * simulator.dt

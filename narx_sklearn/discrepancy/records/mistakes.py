@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -281,6 +281,13 @@ def _flipped(case: Case):
 
 
 def _swapped(case: Case):
+    for name in ("u", "y"):
+        columns = getattr(case, name)
+        for i, k in combinations(range(columns.shape[1]), 2):
+            exchanged = columns.copy()
+            exchanged[:, [i, k]] = columns[:, [k, i]]
+            which = {"inputs" if name == "u" else "outputs": (i, k)}
+            yield Mistake("swapped", which, replace(case, **{name: exchanged}))
     for i in range(case.u.shape[1]):
         for j in range(case.y.shape[1]):
             if np.isfinite(case.y[:, j]).all() and np.nanstd(case.u[:, i]) > 0:
