@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy import settings
 from narx_sklearn.discrepancy.report_text import report_text, what_adds_up
 from narx_sklearn.metrics import DIVERGED_SCORE
 from narx_sklearn.physics.effects import CATALOGUE
+from narx_sklearn.report._words import next_steps
 
 DT = 0.02
 ABOUT = {"dt": DT, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
@@ -133,6 +134,16 @@ class TestHeldOut:
             assert f"{number:.2g} m" in told
         dx.conclusion_ = replace(dx.conclusion_, corrected=dx.refitted_simulator_)
         assert not what_adds_up(dx)
+
+    def test_a_refit_that_is_worse_than_the_given_parameters_is_not_recommended(self, cubic):
+        dx = cubic[0]
+        assert "Do not take them over" not in dx.report_
+        worse = copy(dx)
+        worse.verdict_, worse.scores_ = "refit", dx.scores_.copy()
+        assert "Take over the refitted parameters" in " ".join(next_steps(worse))
+        worse.scores_.loc["refitted", "nrmse_low"] = 2 * dx.scores_.loc["nominal", "nrmse_high"]
+        assert "worse there than those given: in windows of" in report_text(worse)
+        assert "Take over the refitted parameters" not in " ".join(next_steps(worse))
 
     def test_what_held_out_samples_do_not_show_is_said_to_be_unconfirmed(self, cubic):
         assert "neither confirm nor refute" not in cubic[0].report_
@@ -354,6 +365,15 @@ class TestRefusals:
     def test_an_output_that_never_moves_is_refused(self, value):
         with pytest.raises(ValueError, match=r"No output of y moves.* Pass a record in which"):
             DiscrepancyRegressor(nominal()).fit(self.u, np.full(100, value))
+
+    @pytest.mark.parametrize(
+        ("value", "words"), [(0.0, "is 0 in all samples"), (np.nan, "is never measured")]
+    )
+    def test_a_dead_channel_beside_one_that_moves_is_refused(self, value, words):
+        both = ODESimulator(stage, parameters=NOMINAL, outputs=ABOUT["states"], **ABOUT)
+        y = np.column_stack([self.y, np.full(100, value)])
+        with pytest.raises(ValueError, match=rf"Output 1 \(velocity \[m/s\]\) {words}"):
+            DiscrepancyRegressor(both).fit(self.u, y)
 
     def test_a_record_without_a_whole_window(self):
         with warnings.catch_warnings():

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned
-from narx_sklearn.report._render import _location_tables
+from narx_sklearn.report._render import _location_tables, _what
 from narx_sklearn.report._runs import gather, whitened
 from narx_sklearn.report._words import finding_table, headline, number
 
@@ -330,11 +330,11 @@ def scores(**errors):
     [
         (
             (0.2, 0.1),
-            "; on data the fit never saw the error goes from 20 % to 10 % of the recording's spread.",
+            "; on data the fit never saw the error goes from 20 % to 10 % of their spread.",
         ),
         (
             (0.1, 0.2),
-            "never saw this is no better: the error goes from 10 % to 20 % of the recording's spread.",
+            "never saw this is no better: the error goes from 10 % to 20 % of their spread.",
         ),
         ((np.inf, np.inf), "; on data the fit never saw, the free run leaves the finite range."),
         ((np.inf, 0.1), "a free run that diverged has an error of 10 % now."),
@@ -417,3 +417,22 @@ def test_a_finding_tells_how_much_it_adds_along_the_record(case):
     told = f"Along this record: {low:.3g} to {high:.3g} m/s^2 added to the rate of velocity."
     assert told in dx.report_
     assert told in render_report(dx, u, y)
+
+
+def test_each_finding_has_its_own_curve_whatever_acts_first(case):
+    """Findings are told by weight, effects act in another order."""
+    dx, u, y = case
+    model = dx.conclusion_.diagnosis.best.fit.model
+    first = model.effects[0]
+    second = replace(first, argument_name="another argument")
+    best = replace(
+        dx.conclusion_.diagnosis.best,
+        fit=dx.conclusion_.diagnosis.best.fit._replace(model=model._replace(effects=(first, second))),
+    )
+    diagnosis = replace(dx.conclusion_.diagnosis, best=best, order=(1, 0), alternatives=((), ()))
+    told = copy(dx)
+    told.conclusion_ = replace(dx.conclusion_, diagnosis=diagnosis)
+    told.findings_ = [replace(dx.findings_[0], title=title) for title in ("the heavier", "the lighter")]
+    found = _what(told, gather(told, u, y))
+    assert [one["title"] for one in found] == ["The heavier", "The lighter"]
+    assert ["another argument" in one["bins"].header[0] for one in found] == [True, False]

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Windows
-from narx_sklearn.discrepancy.verify import free_run
+from narx_sklearn.discrepancy.verify import Stretch, free_run
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,6 @@ def from_trace(case: Case) -> Case:
 
 def _error(simulator, part: Part, guess: np.ndarray) -> float:
     """Return the RMSE of a free run; the first samples fix the initial state and are not scored."""
-    run = free_run(simulator, part.u, part.y, slice(0, len(part.u)), 0, part.n_init, guess)
+    run = free_run(simulator, part.u, part.y, Stretch(slice(0, len(part.u)), 0, part.n_init), guess)
     error = (part.y - run.y)[part.n_init :]
     return float(np.sqrt(np.mean(error**2))) if np.isfinite(error).all() else np.inf

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.checks import DataFinding, still_standing, to_be_mended
-from narx_sklearn.discrepancy.records.record import Split, hold_out, pieces_of
+from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.settings import Settings
@@ -79,6 +79,11 @@ class Conclusion:
         return self.diagnosis.problem.simulator.with_parameters(self.diagnosis.refitted.model.p)
 
     @property
+    def is_worse(self) -> bool:
+        """Whether what was tried is surely worse than a refit in whole runs, where small errors add up."""
+        return not self.scores.empty and bool(self.scores["removed_high"]["augmented"] < 0)
+
+    @property
     def leaves_all_out(self) -> bool:
         """Whether what was found was taken back, and a refit alone corrects the simulator."""
         return self.corrected is not self.tried
@@ -122,10 +127,10 @@ class Conclusion:
         problem = self.diagnosis.problem
         return int(max(8 * (len(problem.simulator.states) + 1), min(problem.windows.length // 2, 200)))
 
-    def stretches_of(self, pieces) -> tuple[Stretch, ...]:
-        """Return the stretches over which simulations are run freely, of pieces without gaps."""
+    def stretches_of(self, pieces: list[Piece], y: np.ndarray) -> tuple[Stretch, ...]:
+        """Return the stretches over which simulations are run freely, of pieces of a record of outputs y."""
         n_states = len(self.diagnosis.problem.simulator.states)
-        return tuple(scored_stretches(pieces, self.n_init, self.diagnosis.followed_for, n_states))
+        return tuple(scored_stretches(pieces, y, self.n_init, self.diagnosis.followed_for, n_states))
 
     @property
     def held_out(self) -> pd.DataFrame:
@@ -200,7 +205,7 @@ def _held_against(
     """Hold a diagnosis against held-out samples, and take back what they refute.
 
     What makes them worse is not used, and is no explanation, unless it drifts, or acted when the fit ended:
-    nobody can foresee its course, or when it ends.
+    nobody can foresee its course, or when it ends. What makes only whole runs worse is not used.
     """
     simulator, best = diagnosis.problem.simulator, diagnosis.best
     found = simulator
@@ -215,9 +220,14 @@ def _held_against(
         left_there=_left_over_there(diagnosis, held),
         is_silent=held.is_silent(best.fit.cost / best.n_samples),
     )
-    if _harms(whole, held):
+    harms = _harms(whole, held)
+    if harms or whole.is_worse:
         without_drifts = _without_drifts(whole, u, y, settings)
-        if without_drifts is None:
+        if without_drifts is not None:
+            whole = without_drifts
+        elif not harms:
+            whole = replace(whole, corrected=whole.refitted)
+        else:
             # what began may have ended since; an offset would have stayed
             ended = only_where_fitted(diagnosis.problem, best)
             milder = diagnosis.as_drift if ended is None else replace(diagnosis, best=ended)
@@ -226,18 +236,18 @@ def _held_against(
             drifts = bool(best.effects) and best.effects[diagnosis.order[0]].effect.code == DRIFT
             verdict = whole.verdict if drifts or best.given else "unknown"
             return replace(whole, verdict=verdict, corrected=whole.refitted)
-        whole = without_drifts
     return replace(whole, verdict="unknown") if whole.left_there > STANDS_IN else whole
 
 
 def _scored(found: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings) -> Conclusion:
     """Return a conclusion with the scores of its simulators."""
-    stretches = found.stretches_of(found.split.held_out)
+    stretches = found.stretches_of(found.split.held_out, y)
     if not stretches:
         return replace(found, scores=pd.DataFrame())
-    pieces, n_init = [(s.rows, s.began) for s in stretches], stretches[0].n_init
-    errors = squared_errors(found.simulators, u, y, pieces, n_init, found.guesses, found.leads)
-    spread = np.nanstd(np.concatenate([y[rows] for rows, _ in pieces]), axis=0)
+    errors = squared_errors(found.simulators, u, y, stretches, found.guesses, found.leads)
+    columns = np.concatenate([y[stretch.rows] for stretch in stretches]).T
+    measured = (column[np.isfinite(column)] for column in columns)
+    spread = np.array([np.std(values) if values.size else np.nan for values in measured])
     scores = score_table(errors, spread, settings.level, settings.random_state)
     return replace(found, scores=scores, stretches=stretches)
 
@@ -252,7 +262,7 @@ def _without_drifts(whole: Conclusion, u: np.ndarray, y: np.ndarray, settings: S
         return None
     tried = whole.tried.with_effects(foreseen)
     rest = _scored(replace(whole, tried=tried, corrected=tried), u, y, settings)
-    return None if _harms(rest, _on_held_out(rest)) else rest
+    return None if rest.is_worse or _harms(rest, _on_held_out(rest)) else rest
 
 
 def _on_held_out(found: Conclusion) -> HeldOut:
@@ -273,7 +283,7 @@ def _harms(found: Conclusion, held: HeldOut) -> bool:
         errors = found.scores["nrmse"]
         if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
             return True
-        if found.verdict == "unknown" and found.scores["removed_high"]["augmented"] < 0:
+        if found.verdict == "unknown" and found.is_worse:
             return True
     best = found.diagnosis.best
     # what the uncertainty of its parameters costs on other samples is no harm

@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
 from narx_sklearn.discrepancy.search.generic import UNNAMED
-from narx_sklearn.discrepancy.search.inference import intervals, lost_together
+from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
@@ -35,20 +35,19 @@ SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 def make_findings(
     diagnosis: Diagnosis, level: float, simulator: Simulator, location: Location
 ) -> list[Finding]:
-    """Return the findings of a diagnosis, those first that explain most.
+    """Return the findings of a diagnosis, what follows no signal first, then those that explain most.
 
     What is no noise but has no name or curve is said to enter at the likeliest port of a location.
     """
     best, base = diagnosis.best, diagnosis.refitted
+    found = []
     if diagnosis.unforeseen is not None:
-        return [_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location)]
-    if not best.effects:
-        unknown = diagnosis.verdict == "unknown"
-        return [_shapeless(diagnosis, simulator, location.likeliest)] if unknown else []
-    sure = intervals(diagnosis.problem, best.fit, level)
+        found.append(_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location))
+    elif not best.effects and diagnosis.verdict == "unknown":
+        found.append(_shapeless(diagnosis, simulator, location.likeliest))
+    sure = diagnosis.intervals(level)
     share = 1 - best.fit.cost / base.cost
     sizes = _sizes(diagnosis)
-    found = []
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
         there = _has(placed)

@@ -92,16 +92,17 @@ def locate(diagnosis: Diagnosis, random_state=None, n_jobs: int | None = None) -
         if port.kind != "state" or not diagnosis.structure.kinematic[port.index]
     ]
     residual = problem.y - run.y
-    against, forces = latent_forces(
-        simulator, run, problem.u, problem.y, windows, p, ports=allowed, n_jobs=n_jobs
-    )
+    _, forces = latent_forces(simulator, run, problem.u, problem.y, windows, p, ports=allowed, n_jobs=n_jobs)
     table = port_table(forces, simulator, windows)
     if diagnosis.unforeseen is None:
         best = max(forces, key=lambda force: force.evidence)
     else:
         entry, memory = diagnosis.unforeseen.acting.entry, diagnosis.unforeseen.memory
+        beside, p = diagnosis.best.fit.model, diagnosis.best.fit.model.p
+        simulator = simulator.with_effects(beside.effects)
+        run = simulator.run(problem.u, windows, _middle(problem.windows, beside.x0)[1], p)
         linear = tangent(simulator, run, problem.u, windows, p)
-        best = latent_force(linear, residual, windows, entry, memory=memory, against=against)
+        best = latent_force(linear, problem.y - run.y, windows, entry, memory=memory)
         if entry.times is not None:
             best = replace(best, w=best.w * entry.times, w_std=best.w_std * np.abs(entry.times))
         there = (table["kind"] == entry.port.kind) & (table["index"] == entry.port.index)

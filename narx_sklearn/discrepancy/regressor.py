@@ -39,7 +39,7 @@ from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.beginning import begin
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
+from narx_sklearn.discrepancy.verify import Stretch, free_run, initial_state, within_reach
 from narx_sklearn.metrics import DIVERGED_SCORE, r2_score_of
 from narx_sklearn.model import NARXModel
 from narx_sklearn.physics.effects import Effect
@@ -221,7 +221,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             simulator = simulator.identified(X, sessions=sessions)
         u, measured = read_record(X, y, simulator)
         check_length(simulator, u, measured, sessions, self.test_fraction)
-        _check_motion(measured)
+        _check_motion(simulator, measured)
         of_record = label_findings(X, y, simulator, sessions)
         tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
@@ -284,7 +284,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                     "it. Pass measured outputs, or leave it out for runs from rest."
                 )
             n = min(len(first), windows.last[0] - windows.first[0])
-            x0[0] = initial_state(self.simulator_, u[:n], first[:n], slice(0, n), 0, n, x0[0])
+            x0[0] = initial_state(self.simulator_, u[:n], first[:n], Stretch(slice(0, n), 0, n), x0[0])
         y = self.simulator_.run(u, windows, x0).y
         return y[:, 0] if self._one_output else y
 
@@ -305,8 +305,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         for piece, began in within_reach(pieces_of(u, sessions), n_init, found.diagnosis.followed_for):
             if piece.stop - piece.start <= n_init + 1:
                 continue
-            y_piece = measured[piece][n_init:]
-            simulated = free_run(self.simulator_, u, measured, piece, began, n_init, guess).y[n_init:]
+            y_piece, stretch = measured[piece][n_init:], Stretch(piece, began, n_init)
+            simulated = free_run(self.simulator_, u, measured, stretch, guess).y[n_init:]
             if np.isnan(simulated).any():
                 return DIVERGED_SCORE
             errors = errors + np.nansum((y_piece - simulated) ** 2, axis=0)
@@ -503,10 +503,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         simulator = diagnosis.problem.simulator
         n = len(simulator.parameters)
         refitted, final = diagnosis.refitted, diagnosis.best.fit
-        if diagnosis.unforeseen is None:
-            sure = intervals(diagnosis.problem, final, self.level)[:n]
-        else:
-            sure = diagnosis.unforeseen.intervals(final.model.p, simulator.bounds, self.level)
+        sure = diagnosis.intervals(self.level)[:n]
         before = intervals(diagnosis.problem, refitted, self.level)[:n]
         return pd.DataFrame(
             {
@@ -559,10 +556,18 @@ def _find_spikes(simulator: Simulator, u, y, sessions, settings: Settings) -> np
     return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
 
 
-def _check_motion(y: np.ndarray) -> None:
+def _check_motion(simulator: Simulator, y: np.ndarray) -> None:
+    """Refuse outputs that say nothing."""
     largest, smallest = np.nanmax(y, axis=0, initial=-np.inf), np.nanmin(y, axis=0, initial=np.inf)
-    if not np.any(largest > smallest):
+    still = np.flatnonzero(~(largest > smallest))
+    if still.size == y.shape[1]:
         raise ValueError(
             "No output of y moves: what is constant, or missing throughout, cannot be compared with a "
             "simulation. Pass a record in which the machine moves."
+        )
+    for j in still:
+        what = f"is {largest[j]:.6g} in all samples" if np.isfinite(largest[j]) else "is never measured"
+        raise ValueError(
+            f"Output {j} ({simulator.outputs[j]}) {what}: a channel that is dead cannot be compared with a "
+            "simulation. Leave it out of y, and of the simulator's outputs."
         )

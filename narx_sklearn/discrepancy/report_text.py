@@ -14,8 +14,10 @@ from narx_sklearn.discrepancy.results import (
     VERDICTS,
     p_text,
 )
+from narx_sklearn.discrepancy.search.confirm import is_drift
 from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
 from narx_sklearn.discrepancy.search.inference import told_together, untold
+from narx_sklearn.discrepancy.stages.temporary import are_foreseen
 from narx_sklearn.discrepancy.stages.unforeseen import ADDED, FACTOR, GAIN
 from narx_sklearn.discrepancy.units import in_seconds, rounded
 
@@ -52,7 +54,8 @@ def what_is_no_law(dx) -> str:
 
     Empty where what was found is, or may be, a law that the simulation lacks.
     """
-    titles = {finding.title for finding in dx.findings_}
+    known = dx.conclusion_.diagnosis.unforeseen is not None  # it leads, and laws may go with it
+    titles = {finding.title for finding in dx.findings_[: 1 if known else None]}
     if dx.verdict_ != "unknown" or not titles:
         return ""
     if titles <= {TITLES[LINE], TITLES[PULSE], GAIN, FACTOR}:
@@ -91,7 +94,8 @@ def _listed(signals) -> str:
 
 def _what(dx) -> list[str]:
     lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
-    if dx.verdict_ == "unknown" and any(finding.modelled for finding in dx.findings_):
+    nearest = dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.unforeseen is None
+    if nearest and any(finding.modelled for finding in dx.findings_):
         lines += ["What comes nearest:", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         title = finding.title[:1].upper() + finding.title[1:]
@@ -261,15 +265,29 @@ def _told_together(dx) -> list[str]:
 def _scores(dx) -> list[str]:
     if dx.scores_.empty:
         return ["No held-out stretch was long enough for a verification.", ""]
-    lines = ["Held-out free run (error over the spread of the recording):", *_errors(dx.scores_)]
+    lines = ["Held-out free run (error over the spread of what was held out):", *_errors(dx.scores_)]
     lines += [f"   {said}" for said in (what_adds_up(dx), what_is_not_confirmed(dx)) if said]
     if dx.conclusion_.split.beginnings:
         lines.append(
             "   Something that is missing shows near the end only, so the beginning was held out instead."
         )
+    if worse := what_a_refit_harms(dx):
+        lines.append(f"   {worse}")
     if left_out := what_is_left_out(dx):
         lines.append(f"   {left_out}")
     return [*lines, ""]
+
+
+def what_a_refit_harms(dx) -> str:
+    """Return that refitted parameters are surely worse than those given; empty where they are not."""
+    if dx.scores_.empty or not dx.scores_["nrmse_low"]["refitted"] > dx.scores_["nrmse_high"]["nominal"]:
+        return ""
+    problem = dx.conclusion_.diagnosis.problem
+    length = in_seconds(problem.simulator.dt * problem.windows.length, 3)
+    return (
+        f"Refitted parameters are worse there than those given: in windows of {length} they took up what "
+        "they are not. Do not take them over; record motion that tells them apart."
+    )
 
 
 def what_is_left_out(dx) -> str:
@@ -288,6 +306,12 @@ def what_is_left_out(dx) -> str:
     if n_used:
         return "Nobody can foresee the course of a drift: the corrected simulation leaves it out."
     if dx.verdict_ in ("explained", "ambiguous"):
+        effects = found.diagnosis.best.effects
+        if are_foreseen(effects) and not any(is_drift(effect) for effect in effects):
+            return (
+                "It does parts of them good that are as short as what was fitted, but whole runs harm: the "
+                "corrected simulation leaves it out, and has refitted parameters alone."
+            )
         return (
             "Nobody can foresee the course of a drift, or when what has begun will end: the corrected "
             "simulation leaves it out."

@@ -1,5 +1,6 @@
 """Held-out free runs: the simulation as it was, refitted, and with the physics added."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,19 @@ DRAWS = 1000  # of blocks, for intervals
 SURELY = 1.64  # standard errors
 SEEN = 4.0  # noise variances by which a correction must change held-out samples, for them to tell anything
 BELIED = 2.33  # standard errors, that what is right may be off by in one of a hundred cases
+
+
+class Stretch(NamedTuple):
+    """Part of a record that is run freely; its first samples fix the initial state and are not scored."""
+
+    rows: slice
+    began: int  # first sample of its session, from which effects count the time
+    n_init: int
+
+    @property
+    def scored(self) -> slice:
+        """The samples whose errors count."""
+        return slice(self.rows.start + self.n_init, self.rows.stop)
 
 
 class FreeRun(NamedTuple):
@@ -52,35 +66,30 @@ def initial_state(
     simulator: Simulator,
     u: np.ndarray,
     y: np.ndarray,
-    piece: slice,
-    began: int,
-    n: int,
+    stretch: Stretch,
     guess: np.ndarray,
     lead: Lead | None = None,
 ) -> np.ndarray:
-    """Return the state at the first sample of a piece, fitted to the first ``n`` of its samples.
+    """Return the state at the first sample of a stretch, fitted to those that fix it.
 
     Parameters
     ----------
     u, y : ndarray of shape (n_samples, n_inputs) and (n_samples, n_outputs)
         The whole record.
-    piece : slice
-        A stretch without gaps.
-    began : int
-        First sample of its session, from which effects count the time.
     lead : Lead, optional
         What effects remember; without it they begin at rest.
     """
-    stop = min(piece.start + n, piece.stop)
-    noise = Noise.as_large_as(y[piece.start : stop])
-    known = simulator.known_states(u, y, np.array([piece.start]))[0]
+    start, began = stretch.rows.start, stretch.began
+    stop = min(stretch.scored.start, stretch.rows.stop)
+    noise = Noise.as_large_as(y[start:stop])
+    known = simulator.known_states(u, y, np.array([start]))[0]
     fewest = 2 * (int(simulator.free_states.sum()) + 1)
-    quarter = min(piece.start + max((stop - piece.start) // 4, fewest), stop)
+    quarter = min(start + max((stop - start) // 4, fewest), stop)
 
     def fitted(state: np.ndarray, upto: int) -> Fit:
-        windows, x0 = _led(lead, piece.start, upto, began, state)
+        windows, x0 = _led(lead, start, upto, began, state)
         unseen = y[began:upto].copy()
-        unseen[: piece.start - began] = np.nan
+        unseen[: start - began] = np.nan
         return fit_initial_states(Problem(simulator, u[began:upto], unseen, windows, noise), x0)
 
     at_once = fitted(np.where(np.isfinite(known), known, guess), stop)
@@ -93,17 +102,16 @@ def free_run(
     simulator: Simulator,
     u: np.ndarray,
     y: np.ndarray,
-    piece: slice,
-    began: int,
-    n_init: int,
+    stretch: Stretch,
     guess: np.ndarray,
     lead: Lead | None = None,
 ) -> FreeRun:
-    """Run a piece freely after its initial state was fitted to its first ``n_init`` samples."""
-    x0 = initial_state(simulator, u, y, piece, began, n_init, guess, lead)
-    windows, all_x0 = _led(lead, piece.start, piece.stop, began, x0)
-    run = simulator.run(u[began : piece.stop], windows, all_x0)
-    return FreeRun(run.y[piece.start - began :], x0)
+    """Run a stretch freely after its initial state was fitted to its first samples."""
+    x0 = initial_state(simulator, u, y, stretch, guess, lead)
+    rows, began = stretch.rows, stretch.began
+    windows, all_x0 = _led(lead, rows.start, rows.stop, began, x0)
+    run = simulator.run(u[began : rows.stop], windows, all_x0)
+    return FreeRun(run.y[rows.start - began :], x0)
 
 
 def _led(lead: Lead | None, start: int, stop: int, began: int, x0: np.ndarray) -> tuple[Windows, np.ndarray]:
@@ -130,33 +138,22 @@ def within_reach(pieces: list[tuple[slice, int]], n_init: int, reach: float) -> 
     return [(slice(a, b), k) for a, b, k in zip(windows.first, windows.last, windows.began, strict=True)]
 
 
-class Stretch(NamedTuple):
-    """Part of a record that is run freely; its first samples fix the initial state and are not scored."""
-
-    rows: slice
-    began: int  # first sample of its session
-    n_init: int
-
-    @property
-    def scored(self) -> slice:
-        """The samples whose errors count."""
-        return slice(self.rows.start + self.n_init, self.rows.stop)
-
-
 def scored_stretches(
-    pieces: list[tuple[slice, int]], n_init: int, reach: float, n_states: int
+    pieces: list[tuple[slice, int]], y: np.ndarray, n_init: int, reach: float, n_states: int
 ) -> list[Stretch]:
     """Return the stretches over which simulations are run, scored and drawn.
 
     Pieces of no more than twice the samples that fix an initial state are left out. Where all are that short,
-    fewer samples fix it: four for each state, and four more.
+    fewer samples fix it: four for each state, and four more. So many are measured, at any output.
 
     Parameters
     ----------
     pieces : list of (slice, int)
-        Stretches without gaps, each with the first sample of its session.
+        Stretches of inputs without gaps, each with the first sample of its session.
+    y : ndarray of shape (n_samples, n_outputs)
+        What was measured, NaN elsewhere.
     n_init : int
-        Samples that fix an initial state.
+        Measured samples that fix an initial state.
     reach : float
         As in :func:`within_reach`.
 
@@ -167,8 +164,13 @@ def scored_stretches(
     """
     for n in (n_init, 4 * (n_states + 1)):
         long_enough = [(piece, began) for piece, began in pieces if piece.stop - piece.start > 2 * n]
-        if long_enough:
-            return [Stretch(rows, began, n) for rows, began in within_reach(long_enough, n, reach)]
+        found = []
+        for rows, began in within_reach(long_enough, n, reach):
+            measured = np.flatnonzero(np.isfinite(y[rows]).any(axis=1))
+            if measured.size > n:
+                found.append(Stretch(rows, began, int(measured[n - 1]) + 1))
+        if found:
+            return found
     return []
 
 
@@ -189,24 +191,24 @@ class Errors(NamedTuple):
 
 
 def squared_errors(
-    simulators: dict, u, y, pieces, n_init: int, guesses: dict, leads: dict[str, Lead]
+    simulators: dict[str, Simulator],
+    u: np.ndarray,
+    y: np.ndarray,
+    stretches: Sequence[Stretch],
+    guesses: dict[str, np.ndarray],
+    leads: dict[str, Lead],
 ) -> dict[str, Errors]:
-    """Return each simulator's squared held-out errors by block.
-
-    Parameters
-    ----------
-    pieces : list of (slice, int)
-        Stretches without gaps, each with the first sample of its session.
-    """
-    n_blocks = max(1, BLOCKS // len(pieces))
+    """Return each simulator's squared errors over stretches, by block."""
+    n_blocks = max(1, BLOCKS // len(stretches))
     found = {}
     for name, simulator in simulators.items():
         squares, counts = [], []
-        for piece, began in pieces:
-            run = free_run(simulator, u, y, piece, began, n_init, guesses[name], leads.get(name))
-            seen = np.isfinite(y[piece][n_init:])
-            error = np.where(seen, (y[piece] - run.y)[n_init:] ** 2, 0.0)
-            error[seen & np.isnan(run.y[n_init:])] = np.inf
+        for stretch in stretches:
+            run = free_run(simulator, u, y, stretch, guesses[name], leads.get(name))
+            measured, simulated = y[stretch.scored], run.y[stretch.n_init :]
+            seen = np.isfinite(measured)
+            error = np.where(seen, (measured - simulated) ** 2, 0.0)
+            error[seen & np.isnan(simulated)] = np.inf
             squares += [block.sum(axis=0) for block in np.array_split(error, n_blocks)]
             counts += [block.sum(axis=0) for block in np.array_split(seen, n_blocks)]
         found[name] = Errors(np.array(squares), np.array(counts))

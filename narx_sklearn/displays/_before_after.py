@@ -107,7 +107,7 @@ class BeforeAfterDisplay:
         if not 0 <= output < measured.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {measured.shape[1]} columns, counted from 0.")
         runs = {name: np.full(len(u), np.nan) for name in simulators}
-        stretches = estimator.conclusion_.stretches_of(pieces_of(u, sessions))
+        stretches = estimator.conclusion_.stretches_of(pieces_of(u, sessions), measured)
         if not stretches:
             n_states = len(estimator.simulator_.states)
             raise ValueError(
@@ -117,9 +117,7 @@ class BeforeAfterDisplay:
         begin = estimator.conclusion_.guesses
         for stretch in stretches:
             for name, simulator in simulators.items():
-                run = free_run(
-                    simulator, u, measured, stretch.rows, stretch.began, stretch.n_init, begin[name]
-                ).y
+                run = free_run(simulator, u, measured, stretch, begin[name]).y
                 runs[name][stretch.scored] = run[stretch.n_init :, output]
         simulator = estimator.simulator_
         display = cls(

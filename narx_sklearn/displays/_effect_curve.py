@@ -100,7 +100,7 @@ class EffectCurveDisplay:
                 "counted from 0."
             )
         model = best.fit.model
-        index = len(model.effects) - len(added) + effect
+        index = len(model.effects) - len(added) + diagnosis.order[effect]
         force = effect_force(diagnosis.problem, model, index, MOST_POINTS)
         placed = model.effects[index]
         argument_label, force_label = labels(placed, diagnosis.problem.simulator)

@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.report_text import (
     about_parameters,
     how_it_extrapolates,
     verdict_sentence,
+    what_a_refit_harms,
     what_adds_up,
     what_is_left,
     what_is_left_out,
@@ -285,7 +286,7 @@ def _state_figure(dx, material: Material, column: int, seen) -> dict:
 
 def _course_figure(dx, material: Material) -> dict:
     """Return what follows no signal, along the record."""
-    course, (finding,) = dx.location_.force, dx.findings_
+    course, finding = dx.location_.force, dx.findings_[0]
     port = dx.conclusion_.diagnosis.unforeseen.acting.entry.port
     unit = unit_added(port, material.simulator)
     label = name_added(port, material.simulator).removeprefix("added to ")
@@ -385,12 +386,13 @@ def _what(dx, material: Material) -> list[dict]:
     """Return the findings with their tables and curves."""
     found = []
     curves = effect_curves(dx, material)
+    in_order = iter(dx.conclusion_.diagnosis.order)
     for rank, finding in enumerate(dx.findings_, start=1):
         title = capital(finding.title)
         if not finding.modelled:
             found.append({"rank": rank, "title": title, "finding": finding})
             continue
-        curve = curves[rank - 1]
+        curve = curves[next(in_order)]
         caption = f"{title}: {curve.y_label} against {curve.x_label}, as fitted and as the data ask for."
         bins = to_table(
             curve.table,
@@ -446,6 +448,7 @@ def _proof(dx, material: Material, outputs) -> dict | None:
         "said": [
             what_adds_up(dx),
             what_is_not_confirmed(dx),
+            what_a_refit_harms(dx),
             what_is_left_out(dx),
             how_it_extrapolates(dx),
         ],

@@ -101,7 +101,7 @@ def _held_out(conclusion: Conclusion, u, y) -> tuple[HeldOut, ...]:
     found = []
     for stretch in conclusion.stretches:
         runs = {
-            name: free_run(simulator, u, y, *stretch, guesses[name], leads.get(name)).y
+            name: free_run(simulator, u, y, stretch, guesses[name], leads.get(name)).y
             for name, simulator in conclusion.simulators.items()
         }
         found.append(HeldOut(stretch, runs))

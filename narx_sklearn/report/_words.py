@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import ResidualTests
-from narx_sklearn.discrepancy.report_text import verdict_sentence, what_is_no_law
+from narx_sklearn.discrepancy.report_text import verdict_sentence, what_a_refit_harms, what_is_no_law
 from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._runs import WORDS
 
@@ -117,7 +117,7 @@ def _gain(dx) -> str:
         return ""
     error = dx.scores_["nrmse"]
     if dx.verdict_ == "consistent":
-        return f" (held-out error {percent(error['nominal'])} of the recording's spread)"
+        return f" (held-out error {percent(error['nominal'])} of the spread there)"
     before, after = error["refitted" if has_form(dx) else "nominal"], error["augmented"]
     if not np.isfinite(after):
         return "; on data the fit never saw, the free run leaves the finite range"
@@ -125,8 +125,8 @@ def _gain(dx) -> str:
         return f"; on data the fit never saw, a free run that diverged has an error of {percent(after)} now"
     so = "" if after < before else " this is no better:"
     return (
-        f"; on data the fit never saw{so} the error goes from {percent(before)} to {percent(after)} of the "
-        "recording's spread"
+        f"; on data the fit never saw{so} the error goes from {percent(before)} to {percent(after)} of their "
+        "spread"
     )
 
 
@@ -344,7 +344,7 @@ def next_steps(dx, experiment=None) -> list[str]:
             "These data show nothing missing only where the machine went: record again with a larger "
             "amplitude, lower speeds and reversals if the simulation is to be trusted there."
         )
-    if dx.verdict_ == "refit":
+    if dx.verdict_ == "refit" and not what_a_refit_harms(dx):
         steps.append("Take over the refitted parameters; nothing needs to be added to the equations.")
     unmodelled = [finding.separate_by for finding in dx.findings_ if not finding.modelled]
     if unmodelled:

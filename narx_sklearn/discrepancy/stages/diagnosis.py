@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
-from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step, by_weight
 from narx_sklearn.discrepancy.search.generic import UNNAMED
-from narx_sklearn.discrepancy.search.inference import parameters_moved
+from narx_sklearn.discrepancy.search.inference import intervals, parameters_moved
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
@@ -28,10 +28,10 @@ from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.stages.temporary import large_parts, may_stand_in, search_in_spans, spans_of
 from narx_sklearn.discrepancy.stages.unforeseen import (
     Unforeseen,
-    explain_most,
     fitted_beside,
+    leave_little,
     look_for_unforeseen,
-    says_all,
+    which_leads,
 )
 from narx_sklearn.discrepancy.stages.unnamed import best_pulsating, best_unnamed, is_explained_by
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
@@ -76,6 +76,13 @@ class Diagnosis:
         if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
             return self.problem.noise
         return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
+
+    def intervals(self, level: float) -> np.ndarray:
+        """Return confidence intervals of all that was fitted last, (n_q, 2)."""
+        model = self.best.fit.model
+        if self.unforeseen is None:
+            return intervals(self.problem, self.best.fit, level)
+        return self.unforeseen.intervals(model.q, all_bounds(self.problem, model), level)
 
     @property
     def as_drift(self) -> "Diagnosis | None":
@@ -280,12 +287,17 @@ def _unless_unforeseen(
         if found is None and isinstance(problem.simulator, TwinSimulator):
             return found, p_missing
         p_missing = min(p_missing, seen.p_value)
-    elif explain_most(problem, seen, base, told) or not says_all(
-        problem, seen, base, told, structure, level, settings.n_jobs
-    ):
+    elif leave_little(problem, seen, base, told):
         return found, p_missing
-    beside, seen = fitted_beside(problem, refitted, seen)
-    return Judgement("unknown", Candidate(beside, problem.n_seen), (), None, unforeseen=seen), p_missing
+    else:
+        leading = which_leads(problem, seen, base, told, structure, level, settings.n_jobs)
+        if leading is None:
+            return found, p_missing
+        base, seen = leading
+    beside, seen = fitted_beside(problem, base.fit, seen)
+    best = Candidate(beside, problem.n_seen)
+    alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
+    return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
 
 
 def _is_told_by_a_law(found: Judgement) -> bool:

@@ -22,11 +22,11 @@ from narx_sklearn.discrepancy.search.confirm import CLEARER
 from narx_sklearn.discrepancy.search.generic import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.remainder import drifts_of, tangent_along
+from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
 
 MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
 FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
 ROUNDS = 4  # of parameters and course in turn
-MOST = 0.5  # of what the unforeseen takes off, above which laws explain it
 N_VALUES = 2  # of a course: its size and its memory
 ADDED = "a disturbance that follows no signal"
 GAIN = "an input's effect that comes and goes"
@@ -69,7 +69,7 @@ class Unforeseen(NamedTuple):
     deviance: float  # minus twice the log-likelihood with it
     of_noise: float  # the same with noise alone, of one colour or wandering on an output
     n_tried: int
-    errors: np.ndarray  # standard errors beside it, of the simulator's own parameters first
+    errors: np.ndarray  # (n_q,) standard errors beside it of all that was fitted
     noise: Noise  # that is left
 
     @property
@@ -77,11 +77,10 @@ class Unforeseen(NamedTuple):
         """Chance that noise of the sensors does as much; all that was tried pays (Bonferroni)."""
         return min(1.0, self.n_tried * float(chi2.sf(max(self.of_noise - self.deviance, 0.0), N_VALUES)))
 
-    def intervals(self, p: np.ndarray, bounds: np.ndarray, level: float) -> np.ndarray:
-        """Return confidence intervals of the simulator's own parameters p, (n, 2), within their bounds."""
-        errors = self.errors[: p.size]
-        width = norm.ppf(0.5 + level / 2) * np.where(errors > 0, errors, np.inf)
-        return np.clip(np.column_stack([p - width, p + width]), bounds[:, :1], bounds[:, 1:])
+    def intervals(self, q: np.ndarray, bounds: np.ndarray, level: float) -> np.ndarray:
+        """Return confidence intervals of the parameters q beside it, (n_q, 2), within their bounds."""
+        width = norm.ppf(0.5 + level / 2) * np.where(self.errors > 0, self.errors, np.inf)
+        return np.clip(np.column_stack([q - width, q + width]), bounds[:, :1], bounds[:, 1:])
 
 
 class Likely(NamedTuple):
@@ -176,7 +175,7 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
 
 
 def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tuple[Fit, Unforeseen]:
-    """Fit all parameters of a refitted model beside something unforeseen, which a refit takes into them.
+    """Fit all parameters of a fitted model beside something unforeseen, which a refit takes into them.
 
     Generalised least squares, linear about one fit after the other (Aitken 1935), within the bounds, as long
     as that is an improvement.
@@ -202,7 +201,7 @@ def noise_left(refined: Refined) -> Noise:
     return Noise((colour,) * refined.deviation.size, refined.deviation * np.sqrt(1.0 - refined.rho**2))
 
 
-def says_all(
+def which_leads(
     problem: Problem,
     unforeseen: Unforeseen,
     base: Candidate,
@@ -210,11 +209,12 @@ def says_all(
     structure: Structure,
     level: float,
     n_jobs: int | None = None,
-) -> bool:
-    """Tell whether something unforeseen acts, and laws that were told add nothing to it.
+) -> tuple[Candidate, Unforeseen] | None:
+    """Return what is unforeseen, and what goes with it, where it says more than laws that were told.
 
-    It does beside the laws too, and they do not pay for themselves then. Those that are right would: beside a
-    machine that is disturbed they are worth their price as well.
+    It acts beside the laws too. Where they do not pay for themselves then, nothing goes with it. Those that
+    are right would: beside a machine that is disturbed they are worth their price as well. Where they are,
+    but it says more beside them than they do beside it, they go with it. Else they lead (None).
 
     Parameters
     ----------
@@ -227,12 +227,15 @@ def says_all(
     """
     beside = look_for_unforeseen(problem, told.fit.model, structure, n_jobs)
     if beside is None or beside.p_value > level:
-        return False
-    return unforeseen.deviance + base.price < beside.deviance + told.price + CLEARER
+        return None
+    of_laws = unforeseen.deviance + base.price - beside.deviance - told.price
+    if of_laws < CLEARER:
+        return base, unforeseen
+    return (told, beside) if of_laws < beside.of_noise - beside.deviance else None
 
 
-def explain_most(problem: Problem, unforeseen: Unforeseen, base: Candidate, told: Candidate) -> bool:
-    """Tell whether laws take off most of what something unforeseen does.
+def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told: Candidate) -> bool:
+    """Tell whether laws leave next to nothing of what something unforeseen does.
 
     Where next to no noise shows every disturbance, and when a law acts is known less well, it may not pay
     for itself beside them, though it is most of what is missing.
@@ -245,4 +248,4 @@ def explain_most(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
     deviations = [unforeseen.noise.deviation(output) for output in range(problem.y.shape[1])]
     plain = problem.with_noise(Noise.white(np.array(deviations)))
     without, with_laws = (fit(plain, c.fit.model, iterations=0).cost for c in (base, told))
-    return without - with_laws >= MOST * (without - plain.n_seen)
+    return with_laws - plain.n_seen <= UNEXPLAINED * (without - plain.n_seen)
