@@ -1,5 +1,7 @@
 """What a set of names leaves because their forms are idealised is no reason to call it unknown."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.forms import own_forms
+from narx_sklearn.discrepancy.stages.naming import _without_form_menders
 from narx_sklearn.physics.effects import CATALOGUE
 
 N, DT, NOISE = 3000, 0.02, 0.01
@@ -34,11 +37,10 @@ def simulator(rhs=stage, inputs=("drive [V]",), parameters=TRUE):
     return ODESimulator(rhs, dt=DT, parameters=parameters, states=STATES, inputs=list(inputs))
 
 
-@pytest.fixture(scope="module")
-def record():
+def recorded(amplitude):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.normal(0, 4, N // 10), 10)
-    hum = 2.5 * np.sin(2 * np.pi * 1.3 * DT * np.arange(N) + 0.4)
+    hum = amplitude * np.sin(2 * np.pi * 1.3 * DT * np.arange(N) + 0.4)
     y = simulator(levelling, ("drive [V]", "hum [m/s^2]")).simulate(np.column_stack([u, hum]))[:, 0]
     return u, y + NOISE * rng.normal(size=N)
 
@@ -47,6 +49,11 @@ def at(code, weights, theta, name):
     return PlacedEffect(
         CATALOGUE[code], Port("state", 1), weights=weights, theta=theta, argument_name=name, argument_unit="-"
     )
+
+
+@pytest.fixture(scope="module")
+def record():
+    return recorded(2.5)
 
 
 QUADRATIC = at("quadratic_stiffness", POSITION, (2.0,), "position")
@@ -78,6 +85,26 @@ def test_two_names_on_one_signal_have_no_forms_of_their_own(record):
 def test_a_name_that_leaves_much_to_a_curve_is_the_wrong_name(record):
     problem, best, structure = fitted(record, CUBIC, HUM)
     assert own_forms(problem, best, structure) == []
+
+
+def test_what_only_mends_the_form_of_a_name_is_no_second_name():
+    """A drift that pays for itself beside an idealised spring does not beside a spring of another form."""
+    drift = at("gain_drift", POSITION, (0.1, 20.0, 0.0), "position")
+    problem, pair, structure = fitted(recorded(0.0), QUADRATIC, drift)
+    _, alone, _ = fitted(recorded(0.0), QUADRATIC)
+    assert _without_form_menders(problem, pair, structure, None).places == alone.places
+    problem, pair, structure = fitted(recorded(2.5), QUADRATIC, HUM)
+    assert _without_form_menders(problem, pair, structure, None) is pair
+
+
+def test_a_value_that_is_the_best_of_very_many_pays_for_them(record):
+    """A saw tooth of the best of 65535 steps takes 22 noise variances off white noise."""
+    step = PlacedEffect(
+        CATALOGUE["quantisation"], Port("output", 0), theta=(0.005,), argument_name="position"
+    )
+    _, rounded, _ = fitted(record, step)
+    _, offset, _ = fitted(record, replace(step, effect=replace(step.effect, n_apart=0)))
+    assert rounded.price - offset.price == pytest.approx(2 * np.log(65535))
 
 
 def test_names_with_another_form_are_still_named(record):

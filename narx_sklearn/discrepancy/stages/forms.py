@@ -4,15 +4,15 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.bank import effect_column, make_bank, out_of
+from narx_sklearn.discrepancy.search.bank import Bank, effect_column, make_bank, out_of
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.explain import without
 from narx_sklearn.discrepancy.search.generic import CURVE
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.naming import FORM
 from narx_sklearn.discrepancy.stages.unnamed import curves_along
 
+FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
 IS_A_CURVE = 0.5  # share of what an effect does that a curve would do too, above which it is one
 
 
@@ -35,6 +35,26 @@ def own_forms(
     return found
 
 
+def taken_by_forms(
+    problem: Problem, best: Candidate, structure: Structure, n_jobs: int | None = None
+) -> float:
+    """Return by how much other forms of the names of a set would lower its cost, beyond what noise lets them.
+
+    In noise variances.
+    """
+    forms = own_forms(problem, best, structure, n_jobs)
+    if not forms:
+        return 0.0
+    bank = make_bank(problem, best.fit, forms, n_jobs)
+    return max(_taken(bank) * best.n_samples / best.fit.cost - bank.n_columns, 0.0)
+
+
+def _taken(bank: Bank) -> float:
+    """Return by how much all columns of a bank together lower the cost."""
+    residual = bank.residual[:, :, None]
+    return float(np.sum(residual**2) - np.sum(out_of(bank.columns, residual) ** 2))
+
+
 def _along(one: PlacedEffect, other: PlacedEffect) -> bool:
     """Tell whether two effects act at one place and depend on one signal."""
     return one.port == other.port and (one.port.kind != "state" or one.weights == other.weights)
@@ -51,7 +71,5 @@ def _is_form(
     left = np.sum(out_of(bank.columns, own) ** 2)
     if not left < (1.0 - IS_A_CURVE) * np.sum(own**2):
         return False
-    beside = make_bank(problem, best.fit, [curve], n_jobs)
-    residual = beside.residual[:, :, None]
-    taken = np.sum(residual**2) - np.sum(out_of(beside.columns, residual) ** 2)
+    taken = _taken(make_bank(problem, best.fit, [curve], n_jobs))
     return bool(taken <= FORM * (others.cost - best.fit.cost + taken))

@@ -13,7 +13,8 @@ from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
-from narx_sklearn.discrepancy.stages.naming import FORM, named_by_reach, named_set
+from narx_sklearn.discrepancy.stages.forms import FORM
+from narx_sklearn.discrepancy.stages.naming import named_by_reach, named_set
 from narx_sklearn.discrepancy.stages.powers import with_another_power
 from narx_sklearn.discrepancy.stages.refuted import (
     is_refuted,
@@ -47,7 +48,7 @@ def judge(searched: Searched, structure: Structure, settings: Settings) -> Judge
     if not pool or searched.p_value > settings.alpha:
         return None
     settings.tell("rivals and unnamed curves")
-    best = named_set(searched, pool, settings)
+    best = named_set(searched, pool, structure, settings)
     named = named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
     found = _judged(searched, named, pool, structure, settings)
     if found.verdict == "unknown" and named is not best:

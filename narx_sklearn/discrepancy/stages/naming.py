@@ -9,18 +9,21 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import more_than_drift
-from narx_sklearn.discrepancy.search.explain import reordered, without_idle
+from narx_sklearn.discrepancy.search.explain import reordered, without, without_idle
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, is_one_law, likeliest
 from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.forms import FORM, taken_by_forms
 from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps
 
 EXCHANGES = 2  # members of a set that may be exchanged
-FORM = 0.05  # share of what an effect explains that its idealised form may leave; a wrong one leaves more
 
 
-def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> Candidate:
+def named_set(
+    searched: Searched, pool: list[Candidate], structure: Structure, settings: Settings
+) -> Candidate:
     """Return the set of effects that a search found likeliest, fitted to the end.
 
     Sets that are tried on the way join the ``pool``.
@@ -30,7 +33,22 @@ def named_set(searched: Searched, pool: list[Candidate], settings: Settings) -> 
     best = _without_refinement(best, pool, refitted.cost)
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
     best = converged(problem, best, settings.n_jobs)
-    return next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
+    best = next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
+    return _without_form_menders(problem, best, structure, settings.n_jobs)
+
+
+def _without_form_menders(
+    problem: Problem, best: Candidate, structure: Structure, n_jobs: int | None
+) -> Candidate:
+    """Return a set without a member that pays for itself only because the rest has not another form."""
+    if len(best.effects) < 2:
+        return best
+    lighter_first = sorted((without(problem, best, [e]) for e in best.effects), key=lambda c: c.fit.cost)
+    for fewer in lighter_first:
+        fewer = converged(problem, fewer, n_jobs)
+        if fewer.criterion - taken_by_forms(problem, fewer, structure, n_jobs) < best.criterion:
+            return fewer
+    return best
 
 
 def _likeliest_set(

@@ -19,8 +19,7 @@ from narx_sklearn.discrepancy.search.ranking import gains
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
-from narx_sklearn.discrepancy.stages.forms import own_forms
-from narx_sklearn.discrepancy.stages.naming import FORM
+from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves_along
 

@@ -188,6 +188,9 @@ class Effect:
     scan : callable, optional
         ``scan(setting, residual) -> (ndarray (n, n_parameters), n_tried)``: the parameter values that explain
         the residual best, of very many tried on it; for shapes that a few starts cannot hit.
+    n_apart : int
+        Of how many values the scan chooses that no fit reaches from each other: they pay as what is chosen
+        among as many effects; 0 for values that a fit goes on from.
     valleys : int
         How many other values are tried round fitted ones, for an effect that holds and jumps, so that a fit
         stays near its start; 0 for none.
@@ -251,6 +254,7 @@ class Effect:
     argument_units: tuple[str, ...] = ()
     native_units: tuple[str, ...] = ()
     scan: Any = None
+    n_apart: int = 0
     valleys: int = 0
 
     @property

@@ -237,6 +237,7 @@ SENSOR = (
         read_off=True,
         lookalikes=("stuck_sensor", "valve_stiction"),
         scan=_quantisation_scan,
+        n_apart=LEVELS - 1,
         separate_by="counting the distinct values, and a small dither",
         source="Widrow and Kollar 2008, Quantization Noise, ch. 1",
         phi=_quantisation_phi,
