@@ -193,7 +193,7 @@ def _concluded(
     best = diagnosis.best.fit.model
     standing = still_standing(list(of_record), diagnosis.problem, diagnosis.refitted.model, best)
     diagnosis, of_steps = mind_steps(diagnosis, settings.n_jobs)
-    if diagnosis.is_named and to_be_mended(standing, best.effects):
+    if diagnosis.verdict not in NOTHING_MISSING and to_be_mended(standing, best.effects):
         diagnosis = replace(diagnosis, verdict="unknown", record_misleads=True)
     settings.tell("verification on held-out samples")
     return replace(_held_against(diagnosis, split, u, y, settings), of_record=(*standing, *of_steps))

@@ -96,8 +96,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     findings_ : list of Finding
         Effects found missing, the strongest first.
     scores_ : DataFrame
-        Held-out free run of the nominal, refitted and augmented simulation: ``nrmse``, ``rmse``, ``removed``
-        (share of the refitted error taken away), with intervals.
+        Held-out free run of the nominal, refitted and augmented simulation: ``nrmse`` (over the spread of
+        what was held out), ``rmse``, ``removed`` (share of the refitted error taken away), with intervals.
+        The augmented one has all that was found; what is held against it there the corrected one leaves out.
     held_out_ : DataFrame
         Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle
         the initial state), ``stop``. Short ones where the machine is unstable: a free run loses it.
@@ -109,9 +110,11 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     parameters_ : DataFrame
         The simulator's parameters: nominal, refitted, augmented, with intervals and units.
     simulator_ : Simulator
-        The corrected simulation, a simulator like any other. It is for other records too: where within its
-        play an effect stood when this record began, or how far a drive was behind its first command, is the
-        finding's, and begins in the middle, or at the command; a sensor that stuck once does not stick again.
+        The corrected simulation, a simulator like any other: refitted, with what was found, unless that makes
+        held-out windows or whole runs surely worse or nobody can foresee its course. It is for other records
+        too: where within its play an effect stood when this record began, or how far a drive was behind its
+        first command, is the finding's, and begins in the middle, or at the command; a sensor that stuck once
+        does not stick again.
     refitted_simulator_ : Simulator
         The simulation with refitted parameters, nothing added.
     location_ : Location

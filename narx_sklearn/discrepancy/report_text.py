@@ -41,10 +41,10 @@ def report_text(dx) -> str:
 
 def verdict_sentence(dx) -> str:
     """Return what a verdict says."""
-    if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.steps_miss:
-        return "What the simulation misses may be the error of its own integration steps."
     if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.record_misleads:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
+    if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.steps_miss:
+        return "What the simulation misses may be the error of its own integration steps."
     other = what_is_no_law(dx)
     return f"{other}." if other else VERDICTS[dx.verdict_]
 
