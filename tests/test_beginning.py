@@ -12,8 +12,10 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened
-from narx_sklearn.discrepancy.verify import Lead, free_run
+from narx_sklearn.discrepancy.verify import Lead, Stretch, free_run
 from narx_sklearn.physics.effects import CATALOGUE
+
+LATE = Stretch(slice(600, 1000), 0, 100)
 
 
 def two_masses(x, u, p):
@@ -59,7 +61,7 @@ class TestLatePieces:
         simulator = make_axis().with_effects([effect])
         u = levels(np.random.default_rng(4), 1000)
         y = simulator.simulate(u)
-        late = free_run(simulator, u, y, slice(600, 1000), 0, 100, np.zeros(2))
+        late = free_run(simulator, u, y, LATE, np.zeros(2))
         np.testing.assert_allclose(late.y, y[600:], atol=1e-6 * np.ptp(y))
 
     @pytest.mark.parametrize(
@@ -78,9 +80,9 @@ class TestLatePieces:
         first, last = np.array([0, 300]), np.array([300, 600])
         windows = Windows(first, last, np.array([True, False]), np.zeros(2, dtype=np.int64))
         lead = Lead(windows, whole.x[first])
-        late = free_run(simulator, u, whole.y, slice(600, 1000), 0, 100, np.zeros(2), lead)
+        late = free_run(simulator, u, whole.y, LATE, np.zeros(2), lead)
         np.testing.assert_allclose(late.y, whole.y[600:], atol=1e-6 * np.ptp(whole.y))
-        without = free_run(simulator, u, whole.y, slice(600, 1000), 0, 100, np.zeros(2))
+        without = free_run(simulator, u, whole.y, LATE, np.zeros(2))
         assert np.max(np.abs(without.y - whole.y[600:])) > 0.01 * np.ptp(whole.y)
 
     @pytest.mark.parametrize("seed", [1, 3])
@@ -107,5 +109,5 @@ class TestLatePieces:
         simulator = make_circuit().with_effects([coarse])
         u = levels(np.random.default_rng(4), 1000)
         y = simulator.simulate(u)
-        late = free_run(simulator, u, y, slice(600, 1000), 0, 100, np.array([2.0, -1.0]))
+        late = free_run(simulator, u, y, LATE, np.array([2.0, -1.0]))
         assert np.sqrt(np.mean((late.y - y[600:]) ** 2)) < 0.05

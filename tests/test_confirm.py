@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 from small_machines import axis_problem, friction, levels, make_circuit
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.discrepancy import DiscrepancyRegressor, conclusion
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -198,7 +198,7 @@ class TestSlowAndLate:
     def test_names_that_leave_much_of_either_end_are_no_explanation(self, monkeypatch):
         """Where a second look ends no better, the first one stands as it was."""
         u, y = self.recording(self.LINE)
-        monkeypatch.setattr(DiscrepancyRegressor, "_left_over_there", lambda self, held: 3.0)
+        monkeypatch.setattr(conclusion, "_left_over_there", lambda diagnosis, held: 3.0)
         found = DiscrepancyRegressor(make_circuit(), effects=["periodic_disturbance"], random_state=0)
         found.fit(u, y)
         assert found.verdict_ == "unknown"

@@ -1,6 +1,7 @@
 """What is said of a search: named, or not by what it leaves, or by a curve that tells more."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import refuted
 from narx_sklearn.discrepancy.stages.judgement import _without_its_power
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
 from narx_sklearn.discrepancy.stages.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
@@ -211,12 +214,21 @@ def load_beside_friction():
     return problem, base, Candidate(pair, problem.n_seen)
 
 
+def stands_in(problem, base, best, unnamed, left):
+    """Ask of names that have no other forms, so that all that is left counts."""
+    run = problem.run(base.model)
+    structure = find_structure(problem.simulator, run.x, problem.u)
+    settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+    with patch.object(refuted, "own_forms", lambda *args: []):
+        return only_stand_in(problem, base, best, unnamed, left, structure, settings)
+
+
 @pytest.mark.parametrize(("better", "stand_in"), [(-12.0, False), (12.0, True)])
 def test_two_names_that_a_simpler_law_outdoes_only_stand_in_for_it(better, stand_in):
     problem, base, two = load_beside_friction()
-    assert not only_stand_in(base, two, None, NOTHING_LEFT, 0.005)
+    assert not stands_in(problem, base, two, None, NOTHING_LEFT)
     one = two.fit._replace(cost=two.fit.cost - better, model=two.fit.model._replace(effects=(friction(0.4),)))
-    assert only_stand_in(base, two, Candidate(one, problem.n_seen), NOTHING_LEFT, 0.005) == stand_in
+    assert stands_in(problem, base, two, Candidate(one, problem.n_seen), NOTHING_LEFT) == stand_in
 
 
 @pytest.mark.parametrize(("share", "stand_in"), [(0.003, False), (0.02, True)])
@@ -229,7 +241,7 @@ def test_a_law_of_many_numbers_must_be_visibly_better(share, stand_in):
     law = Candidate(found._replace(cost=cost), problem.n_seen)
     assert law.n_values > two.n_values
     assert law.criterion < two.criterion - 12
-    assert only_stand_in(base, two, law, NOTHING_LEFT, 0.005) == stand_in
+    assert stands_in(problem, base, two, law, NOTHING_LEFT) == stand_in
 
 
 def surfaces(problem, base):
@@ -249,16 +261,17 @@ def surfaces(problem, base):
     ],
 )
 def test_two_names_that_leave_something_where_they_act_stand_in_for_it(share, p_value, of_form, stand_in):
-    _, base, two = load_beside_friction()
+    problem, base, two = load_beside_friction()
     left = Leftover(p_value, share / (1 - share) * (base.cost - two.fit.cost), of_form)
-    assert only_stand_in(base, two, None, left, 0.005) == stand_in
+    assert stands_in(problem, base, two, None, left) == stand_in
 
 
 def test_a_series_of_one_kind_stands_in_for_what_it_makes():
-    _, base, two = load_beside_friction()
+    problem, base, two = load_beside_friction()
     model = two.fit.model._replace(effects=(two.effects[1], two.effects[1]))
     left = Leftover(1e-4, 0.02 * (base.cost - two.fit.cost))
-    assert only_stand_in(base, Candidate(two.fit._replace(model=model), two.n_samples), None, left, 0.005)
+    series = Candidate(two.fit._replace(model=model), two.n_samples)
+    assert stands_in(problem, base, series, None, left)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_machines import make_axis
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.discrepancy import DiscrepancyRegressor, conclusion
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -170,7 +170,7 @@ class TestOffsetThatDidNotStay:
         dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
         assert dx.findings_[0].effect == "sensor_bias"
         assert "additive_drift" in dx.findings_[0].lookalikes
-        monkeypatch.setattr(DiscrepancyRegressor, "_harms", lambda self, held: True)
+        monkeypatch.setattr(conclusion, "_harms", lambda found, held: True)
         dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
         assert dx.verdict_ in ("explained", "ambiguous")
         assert dx.findings_[0].effect == "additive_drift"

@@ -320,7 +320,7 @@ def scores(**errors):
     """What the headline reads of a diagnosis with one finding."""
     finding = SimpleNamespace(title="a curve", place="on the output y", when="", lookalikes=(), modelled=True)
     table = pd.DataFrame({"nrmse": errors})
-    apart = SimpleNamespace(steps_miss=False, record_misleads=False)
+    apart = SimpleNamespace(steps_miss=False, record_misleads=False, unforeseen=None)
     conclusion = SimpleNamespace(diagnosis=apart, leaves_all_out=False)
     return SimpleNamespace(verdict_="unknown", findings_=[finding], scores_=table, conclusion_=conclusion)
 

@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.simulators.windows import Pace, cut, find_pace, fo
 from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.beginning import begin
 from narx_sklearn.discrepancy.stages.diagnosis import diagnose
-from narx_sklearn.discrepancy.verify import free_run, initial_state, within_reach
+from narx_sklearn.discrepancy.verify import Stretch, free_run, initial_state, within_reach
 from narx_sklearn.physics.effects import CATALOGUE
 
 N, DT, GRAVITY, MIDDLE = 3000, 0.002, 9.81, 0.01
@@ -140,9 +140,9 @@ def test_an_initial_state_is_found_from_a_guess_that_loses_the_run(held, off):
     simulator, piece = make_ball(FORCE, 0.1), slice(900, 946)
     speed = np.gradient(true[:, 0], DT)[900]
     guess = np.array([true[900, 0], speed + off])
-    x0 = initial_state(simulator, u, y, piece, 0, 46, guess)
+    x0 = initial_state(simulator, u, y, Stretch(piece, 0, 46), guess)
     assert x0[1] == pytest.approx(speed, abs=0.01)
-    run = free_run(simulator, u, y, piece, 0, 46, guess)
+    run = free_run(simulator, u, y, Stretch(piece, 0, 46), guess)
     assert np.abs(run.y - true[piece]).max() < 0.2 * true.std()
 
 
