@@ -1,7 +1,7 @@
 """What is concluded of a record: its diagnosis, and what samples that were held out say of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,7 +68,7 @@ class Conclusion:
     tried: Simulator
     corrected: Simulator
     of_record: tuple[DataFinding, ...] = ()
-    scores: pd.DataFrame = None  # type: ignore  # filled in as soon as there is one
+    scores: pd.DataFrame = field(default_factory=pd.DataFrame)
     stretches: tuple[Stretch, ...] = ()
     left_there: float = 1.0
     is_silent: bool = False
@@ -243,7 +243,7 @@ def _scored(found: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings)
     """Return a conclusion with the scores of its simulators."""
     stretches = found.stretches_of(found.split.held_out, y)
     if not stretches:
-        return replace(found, scores=pd.DataFrame())
+        return found
     errors = squared_errors(found.simulators, u, y, stretches, found.guesses, found.leads)
     columns = np.concatenate([y[stretch.rows] for stretch in stretches]).T
     measured = (column[np.isfinite(column)] for column in columns)
