@@ -291,7 +291,9 @@ def _unless_unforeseen(
         return found, p_missing
     else:
         leading = which_leads(problem, seen, base, told, structure, level, settings.n_jobs)
-        if leading is None:
+        left = () if found is None else found.against_noise
+        follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
+        if leading is None or (leading[0] is told and follows):
             return found, p_missing
         base, seen = leading
     beside, seen = fitted_beside(problem, base.fit, seen)
