@@ -1,7 +1,6 @@
 """What is said of a search: named, or not by what it leaves, or by a curve that tells more."""
 
 from dataclasses import replace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from narx_sklearn.discrepancy.search.generic import DRIVEN, SURFACE, curve_hypot
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages import refuted
 from narx_sklearn.discrepancy.stages.judgement import _without_its_power
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
 from narx_sklearn.discrepancy.stages.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
@@ -219,8 +217,7 @@ def stands_in(problem, base, best, unnamed, left):
     run = problem.run(base.model)
     structure = find_structure(problem.simulator, run.x, problem.u)
     settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
-    with patch.object(refuted, "own_forms", lambda *args: []):
-        return only_stand_in(problem, base, best, unnamed, left, structure, settings)
+    return only_stand_in(problem, base, best, unnamed, left, structure, settings, list)
 
 
 @pytest.mark.parametrize(("better", "stand_in"), [(-12.0, False), (12.0, True)])

@@ -45,6 +45,8 @@ def make_findings(
         found.append(_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location))
     elif not best.effects and diagnosis.verdict == "unknown":
         found.append(_shapeless(diagnosis, simulator, location.likeliest))
+    if not best.effects:
+        return found
     sure = diagnosis.intervals(level)
     share = 1 - best.fit.cost / base.cost
     sizes = _sizes(diagnosis)

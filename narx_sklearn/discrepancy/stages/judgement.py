@@ -1,5 +1,6 @@
 """What is said of a search: the set that is named, what it is held against, and the verdict."""
 
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
-from narx_sklearn.discrepancy.stages.forms import FORM
+from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
 from narx_sklearn.discrepancy.stages.naming import named_by_reach, named_set
 from narx_sklearn.discrepancy.stages.powers import with_another_power
 from narx_sklearn.discrepancy.stages.refuted import (
@@ -86,12 +87,13 @@ def _judged(
             return _judged(searched, rival, pool, structure, settings)
         nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
         return Judgement("unknown", best, alternatives, nearest, stand_in=True)
-    signs = left_that_is_no_noise(problem, refitted, best, structure, settings)
+    forms = cache(partial(own_forms, problem, best, structure, settings.n_jobs))  # asked for once, if at all
+    signs = left_that_is_no_noise(problem, refitted, best, structure, settings, forms)
     if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
         # the names took off less than they leave: they are not even near to it
         nothing = Candidate(refitted, problem.n_seen)
         return Judgement("unknown", nothing, (), unnamed, stand_in=True, against_noise=signs)
-    if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings):
+    if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings, forms):
         return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)

@@ -1,6 +1,6 @@
 """What speaks against names: what they leave, and what explains as much without them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.search.ranking import gains
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
-from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
+from narx_sklearn.discrepancy.stages.forms import FORM
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves_along
 
@@ -83,6 +83,7 @@ def only_stand_in(
     leftover: Leftover,
     structure: Structure,
     settings: Settings,
+    own_forms: Callable[[], list[Hypothesis]],
 ) -> bool:
     """Tell whether effects that act together were bent to a law that is none of them.
 
@@ -105,7 +106,7 @@ def only_stand_in(
 
     if not refuted_by(leftover):
         return False
-    forms = own_forms(problem, best, structure, settings.n_jobs)
+    forms = own_forms()
     return not forms or refuted_by(leftover_of(problem, best, structure, settings, forms))
 
 
@@ -116,7 +117,12 @@ def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:
 
 
 def left_that_is_no_noise(
-    problem: Problem, refitted: Fit, best: Candidate, structure: Structure, settings: Settings
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    structure: Structure,
+    settings: Settings,
+    own_forms: Callable[[], list[Hypothesis]],
 ) -> tuple[Sign, ...]:
     """Return what named effects leave of what noise does not do, where that is much beside them.
 
@@ -139,7 +145,7 @@ def left_that_is_no_noise(
     signs = much_left()
     if not signs or len(best.effects) < 2:
         return signs
-    forms = own_forms(problem, best, structure, settings.n_jobs)
+    forms = own_forms()
     return much_left(forms) if forms else signs
 
 
