@@ -18,6 +18,7 @@ from narx_sklearn._validation import (
     session_slices,
 )
 from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.identification.scoring import after_initial_conditions
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import FreeRun, free_run
 
@@ -100,8 +101,8 @@ def _run_one(model: NARXModel, name, X, y) -> tuple[FreeRun, list[dict]]:
     except ValueError as error:
         raise ValueError(f"Recording {name!r}: {error}") from error
     given = finite_rows(X)
-    for piece in finite_slices([slice(0, X.shape[0])], given):
-        given[piece.start : min(piece.start + model.max_lag, piece.stop)] = False
+    pieces = finite_slices([slice(0, X.shape[0])], given)
+    given &= after_initial_conditions(pieces, X.shape[0], model.max_lag)
     rows = []
     for i, output in enumerate(model.outputs):
         judged = np.isfinite(y[:, i]) & given

@@ -52,6 +52,14 @@ def free_run_score(model: NARXModel, X, y, *, sessions=None, sample_weight=None)
     return FreeRunJudge(X, y, sessions=sessions, sample_weight=sample_weight).score(model)
 
 
+def after_initial_conditions(pieces: list[slice], n_samples: int, max_lag: int) -> np.ndarray:
+    """Tell which of all samples are not among the first ``max_lag`` of a piece, from which runs begin."""
+    after = np.ones(n_samples, dtype=bool)
+    for piece in pieces:
+        after[piece.start : min(piece.start + max_lag, piece.stop)] = False
+    return after
+
+
 class FreeRunJudge:
     """A record, validated once, by whose free runs many models are judged.
 
@@ -73,9 +81,7 @@ class FreeRunJudge:
 
     def score(self, model: NARXModel) -> float:
         """Return R² of the model's free run, as `free_run_score` defines it."""
-        scored = self.known.copy()
-        for piece in self.pieces:
-            scored[piece.start : piece.start + model.max_lag] = False
+        scored = self.known & after_initial_conditions(self.pieces, self.known.size, model.max_lag)
         if scored.sum() < 2:
             raise ValueError(
                 f"score has {int(scored.sum())} samples after the initial condition; the model needs "
