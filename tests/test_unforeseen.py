@@ -10,7 +10,7 @@ from small_machines import make_oscillator
 from narx_sklearn import write_report
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, latent_force, tangent
 from narx_sklearn.discrepancy.locate._covered import Entrance, cover
 from narx_sklearn.discrepancy.locate._likelihood import Likeliest
@@ -286,3 +286,16 @@ def test_a_simulation_that_was_corrected_is_fitted_beside_it_too(rng):
     assert seen.errors.shape == found.model.q.shape
     assert found.model.effects[0].theta[0] == pytest.approx(0.2, abs=4 * seen.errors[-1])
     assert (np.abs(found.model.p - (4.4, 1.2, 19.0)) < 4 * seen.errors[:3]).all()
+
+
+@pytest.mark.parametrize("factor", [0.3, 2.0])
+def test_steps_beside_it_are_as_long_as_they_help(rng, factor):
+    # whole Gauss-Newton steps from there stop at a friction of 0.17 and 0.14, eight errors away
+    u, y = record(rng, friction=0.2, load=wandering(rng, 40, 0.15))
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.2,))
+    problem, alone, structure = fitted(u, y, (friction,))
+    seen = look_for_unforeseen(problem, alone.model, structure)
+    far = fit_states(problem, alone.model.with_q(alone.model.q * (1.0, 1.0, factor, 1.0)))
+    found, seen = fitted_beside(problem, far, seen)
+    assert (np.abs(found.model.p - (4.4, 1.2, 19.0)) < 4 * seen.errors[:3]).all()
+    assert found.model.effects[0].theta[0] == pytest.approx(0.2, abs=0.01)

@@ -27,6 +27,8 @@ from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
 MEMORIES = (2.0, 8.0, 32.0, 128.0, 512.0)  # samples for which a course is remembered
 FINALISTS = 3  # of all tried on a part of the record, that are tried on the whole
 ROUNDS = 4  # of parameters and course in turn
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until one is an improvement
+NO_STEP = 0.01  # of a standard error, in every parameter
 N_VALUES = 2  # of a course: its size and its memory
 ADDED = "a disturbance that follows no signal"
 GAIN = "an input's effect that comes and goes"
@@ -177,22 +179,34 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
 def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tuple[Fit, Unforeseen]:
     """Fit all parameters of a fitted model beside something unforeseen, which a refit takes into them.
 
-    Generalised least squares, linear about one fit after the other (Aitken 1935), within the bounds, as long
-    as that is an improvement.
+    Generalised least squares, linear about one fit after the other (Aitken 1935), within the bounds, with
+    steps as long as they improve it.
     """
+    acting, memory = unforeseen.acting, unforeseen.memory
     lower, upper = all_bounds(problem, refitted.model).T
-    found, at, least = refitted, refitted, np.inf
-    for _ in range(ROUNDS):
+
+    def judged(at: Fit) -> tuple[float, Refined]:
         beside = beside_fit(problem, at.model)
-        course = beside.course(unforeseen.acting.entry, unforeseen.memory)
-        deviance = beside.deviance(course)
-        if not deviance < least:
+        course = beside.course(acting.entry, memory)
+        return beside.deviance(course), beside.refined(course)
+
+    def stepped(share: float) -> Fit:
+        q = np.clip(found.model.q + share * refined.move, lower, upper)
+        return fit_states(problem, found.model.with_q(q))
+
+    found = refitted
+    least, refined = judged(found)
+    for _ in range(ROUNDS):
+        if np.all(np.abs(refined.move) <= NO_STEP * refined.errors):
             break
-        refined = beside.refined(course)
-        found, least = at, deviance
-        unforeseen = unforeseen._replace(errors=refined.errors, noise=noise_left(refined))
-        at = fit_states(problem, at.model.with_q(np.clip(at.model.q + refined.move, lower, upper)))
-    return found, unforeseen
+        for at in map(stepped, SHARES):
+            deviance, further = judged(at)
+            if deviance < least:
+                break
+        else:
+            break
+        found, least, refined = at, deviance, further
+    return found, unforeseen._replace(errors=refined.errors, noise=noise_left(refined))
 
 
 def noise_left(refined: Refined) -> Noise:
