@@ -696,6 +696,17 @@ class TestTransforms:
             transformed("input_saturation", [s], [-1.0, 1.5, w]), np.clip([s], -1.0, 1.5), rtol=0, atol=1e-12
         )
 
+    @given(st.floats(-5.0, 5.0))
+    def test_a_dead_zone_is_sought_within_sight_only(self, offset):
+        signal = offset + wideband()
+        setting, effect = setting_of(signal), CATALOGUE["dead_zone"]
+        low, high = effect.limits(setting).T
+        rows = effect.starts(setting)
+        assert np.all((low <= rows) & (rows <= high))
+        c_low, c_high = low[1], high[1]
+        reach = np.ptp(signal)
+        assert (c_low, c_high) == pytest.approx((signal.min() - reach, signal.max() + reach))
+
     @given(c=st.floats(-50, 50), w=st.floats(0, 2))
     def test_a_dead_zone_moves_with_its_centre(self, c, w):
         signal = wideband(100)

@@ -56,7 +56,7 @@ def road(n=3000, seed=0):
 
 
 def places(code, simulator, u):
-    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
     return placements(CATALOGUE[code], simulator, find_structure(simulator, x, u))
 
 
@@ -84,7 +84,7 @@ def test_a_neighbour_that_does_not_feel_it_is_not_pushed_back():
 
 def test_curves_without_a_name_push_back_too():
     simulator, u = make(), road()
-    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
     found = curve_hypotheses(simulator, find_structure(simulator, x, u), u, x, x[:, [0, 2]])
     between = [h for h in found if np.count_nonzero(h.placed.weights) == 2]
     assert between
@@ -117,7 +117,7 @@ def test_two_bodies_that_stick_together_move_as_one():
     u = 5e3 * road() / 0.05  # N
     (placed,) = [p for p in places("coulomb_friction", make(in_space), u) if np.count_nonzero(p.weights) == 2]
     stuck = simulator.with_effects([placed.at([100.0, WHEEL / BODY])])
-    x = stuck.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    x = stuck.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
     assert np.ptp(x[:, 1]) > 0.1
     np.testing.assert_allclose(x[:, 3], x[:, 1], atol=1e-9)
 
@@ -190,6 +190,30 @@ def test_a_speed_without_a_position_moves_with_others_too():
         assert {(p.port, p.through) for p in placed} == found
 
 
+@pytest.mark.parametrize(
+    ("bent", "per_load", "found"),
+    [
+        (0.0, 1.0, True),
+        (0.0, 0.0, False),  # a force is a rate then, in another unit
+        (0.1, 1.0, False),  # what is added to such an input is no force
+    ],
+    ids=["loaded", "empty", "bent"],
+)
+def test_a_force_beside_an_input_moves_what_grows_heavier_less(bent, per_load, found):
+    def belt(x, u, p):
+        pull = p[0] * u[0] * (1.0 + bent * abs(u[0])) - p[1] * x[0]
+        return pull / (180.0 + per_load * x[1]), u[1] - x[0] * x[1] / 9.0
+
+    made = {"states": ["speed [m/s]", "load [kg]"], "inputs": ["torque [N m]", "feed [kg/s]"]}
+    simulator = ODESimulator(belt, dt=0.1, parameters={"pull": 7.0, "drag": 110.0}, **made)
+    u = np.array([25.0, 8.0]) + np.column_stack([200.0 * road(), 100.0 * road(seed=1)])
+    placed = beside("constant_load", simulator, u)
+    assert [(p.port, p.through) for p in placed] == [(Port("state", 0), 0)] * found
+    for load in placed:
+        braked = simulator.with_effects([load.at([-3.0])]).simulate(u)
+        np.testing.assert_allclose(braked, simulator.simulate(u - (3.0, 0.0)), atol=1e-9)
+
+
 def test_beside_an_input_values_to_begin_with_are_counted_as_it_is():
     """A torque that turns a wheel of 2.5e-4 kg m^2 is as many times less than the rate it gives."""
     simulator, u = make_wheel(), 0.01 * road()
@@ -240,7 +264,7 @@ def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps,
     (friction,) = beside("coulomb_friction", simulator, u)
     acting = simulator.with_effects([friction.at([10.0])])
     windows = cut([(slice(0, len(u)), 0)], 300, 12)
-    x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, 4))).x
+    x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
     problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([noise, noise])))
     model = Model(simulator.nominal, acting.effects, x[windows.first])
     found = too_coarse(problem, model)

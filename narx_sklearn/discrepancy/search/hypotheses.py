@@ -130,9 +130,10 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
 
 
 def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure):
-    """Yield the places of a force on a motion beside each input that drives other equations with it.
+    """Yield the places of a force on a motion beside each input that the equations turn into a motion alike.
 
-    Where bodies move together, a force on one of them turns up in the equations of all, as an input does.
+    Where bodies move together, a force on one of them turns up in the equations of all, as an input does;
+    and where an inertia changes, so does what a force adds to the rate, as what an input adds.
     """
     i = placed.port.index
     if simulator.discrete or placed.effect.after or placed.effect.onward:
@@ -142,7 +143,7 @@ def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Struct
     if placed.effect.argument == "any" or np.count_nonzero(placed.weights) > 1 or placed.onward >= 0:
         return  # what acts between two bodies has its place
     for j in np.flatnonzero(structure.gain[i] > 0).tolist():
-        if np.count_nonzero(structure.inputs[:, j] & ~structure.kinematic) > 1:
+        if structure.varies[i, j] or np.count_nonzero(structure.inputs[:, j] & ~structure.kinematic) > 1:
             yield replace(placed, through=j)
 
 

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.units import scale_to
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
 ALIKE = 1e-6  # relative difference below which a derivative counts as the same
+UNEVEN = 0.01  # relative difference above which an input's gain is another one elsewhere
 
 
 class Structure(NamedTuple):
@@ -24,6 +25,7 @@ class Structure(NamedTuple):
     slope: np.ndarray  # (n_states, n_states) mean of that dependence
     inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
     gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
+    varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -60,8 +62,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
     p = simulator.nominal
     p_size = np.where(p != 0, np.abs(p), 1.0)
-    Jx, Ju, Jp = [], [], []
-    for k in points:
+    Jx, Ju, Jp, elsewhere = [], [], [], []
+    for k, other in zip(points, np.roll(points, 1), strict=True):
         at_x, at_u = simulator.switches.clear_of(x[k], STEP * x_size), u[k]
 
         def rates(x=at_x, u=at_u, p=None):
@@ -70,7 +72,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         Jx.append(central_differences(lambda v, rates=rates: rates(x=v), at_x, STEP * x_size))
         Ju.append(central_differences(lambda v, rates=rates: rates(u=v), at_u, STEP * u_size))
         Jp.append(central_differences(lambda v, rates=rates: rates(p=v), p, STEP * p_size))
-    Jx, Ju, Jp = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp))
+        elsewhere.append(central_differences(lambda v, rates=rates: rates(u=v), u[other], STEP * u_size))
+    Jx, Ju, Jp, elsewhere = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp, elsewhere))
     weight = np.abs(Jx) * x_size
     largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
     depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
@@ -93,7 +96,12 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
     gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
-    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain)
+    varies = np.zeros(gain.shape, dtype=bool)
+    if len(Ju):
+        most = np.abs(Ju).max(axis=0)
+        of_states = np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most
+        varies = of_states & (np.ptp(Ju, axis=0) > UNEVEN * most)
+    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain, varies)
 
 
 def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[Signal]) -> bool:

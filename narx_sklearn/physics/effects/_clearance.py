@@ -107,6 +107,13 @@ def _dead_zone_starts(setting: Setting) -> np.ndarray:
     return telling(setting, np.array(rows), _dead_zone_transform)
 
 
+def _dead_zone_limits(setting: Setting) -> np.ndarray:
+    """Keep the zone within sight: one farther off is an offset."""
+    lowest, highest = quantiles(setting.argument, [0.0, 1.0])
+    reach = highest - lowest
+    return np.array([[0.0, 2 * reach], [lowest - reach, highest + reach], [0.0, 2 * reach]])
+
+
 def _half_widths(distance: np.ndarray) -> np.ndarray:
     shares = np.array([0.05, 0.15]) * quantiles(distance, 1.0)
     widths = np.unique(np.concatenate([shares, quantiles(distance, [0.1, 0.25, 0.4])]))
@@ -248,6 +255,7 @@ CLEARANCE = (
             EffectParameter("w", "{port}", 0.0),
         ),
         starts=_dead_zone_starts,
+        limits=_dead_zone_limits,
         transform=_dead_zone_transform,
         output_port=False,
         amplitude=None,
