@@ -50,6 +50,21 @@ def test_a_drive_that_lagged_when_the_record_began_does_not_in_another():
     assert missed[0] < 0.1 * missed[1]
 
 
+def test_a_drive_that_began_at_rest_in_several_sessions_does_so_in_another():
+    u = np.concatenate([0.3 + commands(400, seed) for seed in range(4)])
+    sessions = np.repeat(range(4), 400)
+    begun = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.15, 1.0))
+    y = simulator().with_effects([begun]).simulate(u, sessions=sessions)[:, 0]
+    y += 0.005 * y.std() * np.random.default_rng(1).normal(size=y.size)
+    dx = DiscrepancyRegressor(simulator(), effects=["rate_limit", "lag", "input_saturation"])
+    dx.fit(u, y, sessions=sessions)
+    (limit,) = dx.simulator_.effects
+    assert limit.theta == pytest.approx((0.15, 1.0), rel=0.1)
+    other = 0.5 + commands(400, 7)
+    truth = simulator().with_effects([begun]).simulate(other)
+    assert np.std(dx.simulator_.simulate(other) - truth) < 0.02 * np.std(truth)
+
+
 def test_a_sensor_that_was_stuck_is_told_to_the_sample_and_works_in_another_record():
     u = commands(1600, 0)
     rng = np.random.default_rng(1)

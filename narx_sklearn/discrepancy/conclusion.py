@@ -31,6 +31,7 @@ from narx_sklearn.discrepancy.verify import (
     squared_errors,
 )
 
+ALIKE = 0.99  # confidence with which several sessions began off a memory's middle
 HARM = 0.01  # chance that what the uncertainty of parameters costs on other samples is taken for harm
 
 
@@ -91,7 +92,23 @@ class Conclusion:
     @property
     def for_other_records(self) -> Simulator:
         """The corrected simulator without what is of this record alone."""
-        return self.corrected.with_effects(for_other_records(self.corrected.effects))
+        effects = for_other_records(self.corrected.effects, self.beginning_alike)
+        return self.corrected.with_effects(effects)
+
+    @property
+    def beginning_alike(self) -> set[tuple]:
+        """Places of effects whose memories began off their middle in several sessions: so others will."""
+        diagnosis = self.diagnosis
+        effects, model = diagnosis.best.effects, diagnosis.best.fit.model
+        if np.unique(diagnosis.problem.windows.began).size < 2 or not effects:
+            return set()
+        lower, upper = diagnosis.intervals(ALIKE).T
+        return {
+            effect.place
+            for effect, own in zip(effects, model.theirs, strict=True)
+            if (at := effect.effect.begin) is not None
+            and (lower[own.start + at] > 0 or upper[own.start + at] < 0)
+        }
 
     @property
     def simulators(self) -> dict[str, Simulator]:

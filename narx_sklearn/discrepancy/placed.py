@@ -202,9 +202,16 @@ def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
     return (during[0] <= time) & (time < during[1])
 
 
-def for_other_records(effects: Iterable[PlacedEffect]) -> tuple[PlacedEffect, ...]:
-    """Return effects as they act in other records: what happened once does not, and memories begin anew."""
-    return tuple(placed.begun_anew() for placed in that_recur(effects))
+def for_other_records(
+    effects: Iterable[PlacedEffect], beginning_alike: Collection[tuple] = ()
+) -> tuple[PlacedEffect, ...]:
+    """Return effects as they act in other records: what happened once does not, and memories begin anew.
+
+    Those at places that are ``beginning_alike`` begin as they did.
+    """
+    return tuple(
+        placed if placed.place in beginning_alike else placed.begun_anew() for placed in that_recur(effects)
+    )
 
 
 def that_recur(effects: Iterable[PlacedEffect]) -> tuple[PlacedEffect, ...]:

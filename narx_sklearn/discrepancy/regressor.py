@@ -113,8 +113,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         The corrected simulation, a simulator like any other: refitted, with what was found, unless that makes
         held-out windows or whole runs surely worse or nobody can foresee its course. It is for other records
         too: where within its play an effect stood when this record began, or how far a drive was behind its
-        first command, is the finding's, and begins in the middle, or at the command; a sensor that stuck once
-        does not stick again.
+        first command, is the finding's, and begins in the middle, or at the command, unless several sessions
+        began alike; a sensor that stuck once does not stick again.
     refitted_simulator_ : Simulator
         The simulation with refitted parameters, nothing added.
     location_ : Location

@@ -13,7 +13,14 @@ import numpy as np
 from numba import njit
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.hypotheses import Argument, Hypothesis, arguments, placed_at, weights_of
+from narx_sklearn.discrepancy.search.hypotheses import (
+    Argument,
+    Hypothesis,
+    arguments,
+    beside_inputs,
+    placed_at,
+    weights_of,
+)
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import Effect, EffectParameter, Power, no_start
@@ -134,7 +141,8 @@ def placed_powers(simulator: Simulator, structure: Structure, x: np.ndarray) -> 
                 continue
             for power in (Power(3.0, odd=True), Power(2.0, odd=False)):
                 placed = placed_at(power_effect(power, size), Port("state", i), argument)
-                found.append(placed.at((0.0, power.exponent, size, *[placed.share] * placed.reacts)))
+                placed = placed.at((0.0, power.exponent, size, *[placed.share] * placed.reacts))
+                found += [placed, *beside_inputs(placed, simulator, structure)]
     return found
 
 
@@ -212,7 +220,7 @@ def _moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argu
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
-    """Return an unnamed curve for each port and argument, its knots spread over what the run visits."""
+    """Return an unnamed curve for each place and argument, its knots spread over what the run visits."""
     found = []
     for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
         found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
@@ -228,7 +236,13 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 found.append(_of_motion(port, argument, position, simulator.dt))
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(_driven(port, argument, position, simulator, j, u[:, j]))
-    return [hypothesis for hypothesis in found if hypothesis is not None]
+    known = [hypothesis for hypothesis in found if hypothesis is not None]
+    return known + [
+        hypothesis._replace(placed=beside)
+        for hypothesis in known
+        if hypothesis.placed.port.kind == "state"
+        for beside in beside_inputs(hypothesis.placed, simulator, structure)
+    ]
 
 
 def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:

@@ -118,7 +118,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                     continue
                 odd = _is_odd(effect, i, simulator, structure, argument.is_twist)
                 placed = replace(placed_at(effect, Port("state", i), argument), odd=odd)
-                places += [placed, *_beside_inputs(placed, simulator, structure)]
+                places += [placed, *beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
     return [
@@ -129,7 +129,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     ]
 
 
-def _beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure):
+def beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure) -> Iterator[PlacedEffect]:
     """Yield the places of a force on a motion beside each input that the equations turn into a motion alike.
 
     Where bodies move together, a force on one of them turns up in the equations of all, as an input does;

@@ -412,6 +412,7 @@ def transformed(signals, kind, effects, strength, driven, dt, windows: Windows) 
     return _applied(signals, kind, effects, strength, driven, dt, windows)[0]
 
 
+@np.errstate(invalid="ignore", over="ignore")  # behind a run that is lost everything is
 def _applied(
     signals,
     kind,

@@ -30,7 +30,8 @@ def own_forms(
         if sum(_along(effect, other) for other in best.effects) > 1:
             continue
         for curve in curves:
-            if _along(effect, curve.placed) and _is_form(problem, best, effect, curve, n_jobs):
+            at_its_place = _along(effect, curve.placed) and effect.through == curve.placed.through
+            if at_its_place and _is_form(problem, best, effect, curve, n_jobs):
                 found.append(curve)
     return found
 
