@@ -1445,3 +1445,11 @@ class TestGainThatDrifts:
         line = np.arange(500) * DT / longest
         assert np.max(np.abs(gained - line)) < 0.02 * line[-1]
         assert np.all(np.isinf(CATALOGUE["gain_drift"].limits(setting)[[0, 2]]))
+
+    def test_one_that_is_over_at_once_is_another_gain(self):
+        setting = setting_of(np.sin(np.arange(500.0)))
+        shortest = CATALOGUE["gain_drift"].limits(setting)[1, 0]
+        gained = transformed("gain_drift", np.ones(500), [1.0, shortest, 0.0]) - 1.0
+        left = 1.0 - gained
+        assert left[:17].min() > 0.3  # where it is drawn to the step that a gain of its own has
+        assert left[100:].max() < 0.003

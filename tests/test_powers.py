@@ -59,8 +59,8 @@ def test_a_law_with_its_power_free_begins_as_it_is(code, x, size, k):
     assert (freed.port, freed.weights) == (named.port, named.weights)
 
 
-def refitted_with(truth, *named, **made):
-    problem, start = axis_problem([truth], noise=0.001, **made)
+def refitted_with(truth, *named, noise=0.001, **made):
+    problem, start = axis_problem([truth], noise=noise, **made)
     base = fit(problem, start)
     best = Candidate(fit(problem, base.model._replace(effects=named)), problem.n_seen)
     return problem, base, best
@@ -80,6 +80,11 @@ class TestNames:
     def test_a_power_that_is_hardly_off_does_not(self, exponent):
         problem, _, best = refitted_with(power(exponent), drag())
         assert with_another_power(problem, best, 0.005) is None
+
+    def test_one_that_noise_may_have_moved_does_not(self):
+        for noise, refuted in ((0.001, True), (0.03, False)):
+            problem, _, best = refitted_with(power(2.6), drag(), noise=noise)
+            assert (with_another_power(problem, best, 0.005) is not None) == refuted
 
     def test_what_is_no_power_by_its_name_is_not_asked(self):
         friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), VELOCITY, theta=(0.3,))

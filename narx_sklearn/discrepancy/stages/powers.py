@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
@@ -10,13 +12,17 @@ from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
 from narx_sklearn.discrepancy.search.generic import HALF, ODD_POWER, POWERS, placed_powers, with_free_power
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.structure import Structure
+
+SURELY = 1.64  # standard errors beyond what a power may be off by
 
 
 def with_another_power(problem: Problem, best: Candidate, alpha: float) -> Candidate | None:
     """Return a set in which a law goes as another power than it has by its name, if one surely does.
 
-    No form is exact; a power that is off by less than a half is still the name's. One more number is fitted.
+    No form is exact; a power that may be off by no more than a half is still the name's. One more number is
+    fitted.
     """
     x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
     for i, placed in enumerate(best.effects):
@@ -28,7 +34,9 @@ def with_another_power(problem: Problem, best: Candidate, alpha: float) -> Candi
         found = Candidate(
             fit(problem, best.fit.model._replace(effects=effects), iterations=FINE), best.n_samples
         )
-        if abs(found.effects[i].theta[1] - power.exponent) <= HALF:
+        at = found.fit.model.theirs[i].start + 1
+        error = np.sqrt(covariance(problem, found.fit)[at, at])
+        if abs(found.fit.model.q[at] - power.exponent) - SURELY * error <= HALF:
             continue
         gained = deviance(problem, best.fit.model) - deviance(problem, found.fit.model)
         if chance_of_noise(gained, 1, 1) <= alpha:

@@ -17,6 +17,7 @@ from narx_sklearn.physics.effects._starts import (
 
 FEWEST_PERIODS = 3  # in a record: fewer are drift
 STRAIGHT = 30.0  # records in one time constant, of which a record shows a straight line, to 2 %
+SETTLED = 30.0  # time constants in a record, of which it shows another gain and an offset
 SHAPES = np.array(  # T in record lengths, b, c
     [
         [0.05, 0.0, 0.0],  # a warm-up early in the record
@@ -61,8 +62,14 @@ def _gain_drift_starts(setting: Setting) -> np.ndarray:
 
 
 def _gain_drift_limits(setting: Setting) -> np.ndarray:
-    """Beyond some length a time constant and a size tell nothing but their ratio."""
-    return at_most(3, 1, STRAIGHT * time_looked_at(setting))
+    """Keep the time constant to those of which a record shows how the gain goes.
+
+    Of a longer one and a size it tells nothing but their ratio; a shorter one is another gain and an offset.
+    """
+    whole = time_looked_at(setting)
+    limits = at_most(3, 1, STRAIGHT * whole)
+    limits[1, 0] = whole / SETTLED
+    return limits
 
 
 @kernel
