@@ -9,9 +9,10 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened
+from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened, begin
 from narx_sklearn.discrepancy.verify import Lead, Stretch, free_run
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -44,6 +45,14 @@ class TestLongWindows:
         problem.y[:] += 0.5 * np.std(problem.y) * np.random.default_rng(9).normal(size=problem.y.shape)
         short = _Fitted(problem, fit(problem, start), 50)
         assert _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12)).problem.windows.count == 4
+
+    def test_a_second_look_runs_through_each_session_in_one(self):
+        problem, _ = axis_problem(n_windows=30)
+        pieces = [(slice(0, 800), 0), (slice(800, 1500), 800)]
+        first = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+        for settings, n_windows in ((first, 4), (first.for_second_look(), 2)):
+            begun = begin(problem.simulator, problem.u, problem.y, pieces, settings)
+            assert begun.problem.windows.count == n_windows
 
 
 class TestLatePieces:

@@ -128,14 +128,16 @@ def test_a_law_without_a_name_that_is_simpler_and_likelier_refutes_it(better, re
 
 
 @pytest.mark.parametrize(
-    ("said", "rival", "may_be"),
+    ("said", "rival", "noise", "may_be"),
     [
-        ("sensor_bias", "additive_drift", True),  # a drift leaves whatever its course is
-        ("sensor_bias", None, False),
-        ("coulomb_friction", "additive_drift", False),
+        ("sensor_bias", "additive_drift", Noise.white(np.ones(1)), True),  # a drift leaves what it may
+        ("sensor_bias", None, Noise.white(np.ones(1)), False),
+        ("sensor_bias", None, Noise((np.ones(1),), np.ones(1), (0.98,)), True),
+        ("coulomb_friction", "additive_drift", Noise.white(np.ones(1)), False),
+        ("coulomb_friction", None, Noise((np.ones(1),), np.ones(1), (0.98,)), False),
     ],
 )
-def test_an_offset_that_may_be_a_drift_is_one_to_the_judge(said, rival, may_be):
+def test_an_offset_that_may_be_a_drift_is_one_to_the_judge(said, rival, noise, may_be):
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
 
@@ -146,7 +148,7 @@ def test_an_offset_that_may_be_a_drift_is_one_to_the_judge(said, rival, may_be):
         return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
 
     alternatives = ((found(rival),),) if rival else ((),)
-    assert may_be_drift(found(said), alternatives) == may_be
+    assert may_be_drift(noise, found(said), alternatives) == may_be
 
 
 @pytest.mark.long

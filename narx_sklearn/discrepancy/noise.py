@@ -58,6 +58,10 @@ class Noise(NamedTuple):
         """Return the autoregression of an output and its moving average."""
         return self.coefficients[output], self.average[output] if self.average else 0.0
 
+    def drifts(self, output: int) -> bool:
+        """Tell whether the noise of an output wanders off."""
+        return self.colour(output)[1] != 0.0
+
     def with_colour(self, output: int, a: np.ndarray, b: float) -> "Noise":
         """Return this noise with another colour on one output."""
         coefficients, average = list(self.coefficients), list(self.average or (0.0,) * len(self.coefficients))

@@ -23,7 +23,6 @@ from narx_sklearn.discrepancy.simulators.windows import (
     window_length,
 )
 
-LONG = 4  # windows of an integrating plant, once short ones have brought its parameters near
 SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is fitted first
 TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
 FOLLOWS = 0.3  # share of an output's spread that long windows may leave beside what short ones leave
@@ -84,7 +83,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     if settings.window is None:
         begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
         if not (pace.forgets or pace.growth):
-            longer = cut(pieces, min(n_samples, LONGEST) // LONG, shortest)
+            longer = cut(pieces, min(n_samples, LONGEST) // settings.n_long, shortest)
             begun = _lengthened(begun, spread_out(longer))
     _check_finite(begun.problem, begun.refitted, finer)
     return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)

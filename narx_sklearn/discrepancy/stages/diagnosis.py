@@ -272,10 +272,10 @@ def _unless_unforeseen(
     What a twin gets wrong of its simulator looks like that, and is no alarm.
     """
     problem, refitted, _ = searched
-    if found is not None and found.best.effects and may_be_drift(found.best, found.alternatives):
-        return found, p_missing
     told = None
     if found is not None:
+        if found.best.effects and may_be_drift(problem.noise, found.best, found.alternatives):
+            return found, p_missing
         told = found.unnamed if _is_told_by_a_law(found) else found.best
     settings.tell("does anything act that follows no signal?")
     seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)

@@ -76,7 +76,7 @@ def _judged(
     alternatives = _alternatives(problem, best, pool, tolerated, starts, refitted.cost)
     unnamed = best_unnamed(problem, refitted, best, structure, settings, searched.hypotheses)
     named = "ambiguous" if any(alternatives) else "explained"
-    if may_be_drift(best, alternatives):  # its course is as it may be
+    if may_be_drift(problem.noise, best, alternatives):  # its course is as it may be
         return Judgement(named, best, alternatives, unnamed)
     if (other := with_another_power(problem, best, settings.alpha)) is not None:
         as_likely = [

@@ -8,6 +8,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.search.bank import beside, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
@@ -149,10 +150,12 @@ def left_that_is_no_noise(
     return much_left(forms) if forms else signs
 
 
-def may_be_drift(best: Candidate, alternatives) -> bool:
-    """Tell whether outputs are off by nothing but what may drift."""
-    of_sensors = all(is_of_a_sensor(effect) for effect in best.effects)
-    return of_sensors and any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
+def may_be_drift(noise: Noise, best: Candidate, alternatives) -> bool:
+    """Tell whether outputs are off by nothing but what may drift, or by noise that does."""
+    if not all(is_of_a_sensor(effect) for effect in best.effects):
+        return False
+    drifts = all(noise.drifts(effect.port.index) for effect in best.effects)
+    return drifts or any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
 
 
 def is_refuted(
