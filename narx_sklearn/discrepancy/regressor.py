@@ -75,8 +75,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Hypotheses refitted at each depth.
     window : int, optional
         Samples in a fitting window. When not given, twenty time constants of the simulator; a fortieth of
-        the record and then a quarter of it where an integrator does not forget; four e-foldings of an
-        unstable mode.
+        the record and then a quarter of it where an integrator does not forget (all of it in a second look);
+        four e-foldings of an unstable mode.
     test_fraction : float, default=0.2
         Last share of each session kept out of every decision, for the verification (but whether what began
         and stayed still acts there). Where nothing is missing before it, or what was found leaves more of it
