@@ -279,14 +279,17 @@ def _scores(dx) -> list[str]:
 
 
 def what_a_refit_harms(dx) -> str:
-    """Return that refitted parameters are surely worse than those given; empty where they are not."""
+    """Return that parameters refitted alone are surely worse than those given; empty where they are not."""
     if dx.scores_.empty or not dx.scores_["nrmse_low"]["refitted"] > dx.scores_["nrmse_high"]["nominal"]:
         return ""
     problem = dx.conclusion_.diagnosis.problem
     length = in_seconds(problem.simulator.dt * problem.windows.length, 3)
+    which, beside = "Refitted parameters are", ""
+    if dx.simulator_.effects:  # the corrected simulation has parameters that go with them
+        which, beside = "Parameters refitted alone are", " alone"
     return (
-        f"Refitted parameters are worse there than those given: in windows of {length} they took up what "
-        "they are not. Do not take them over; record motion that tells them apart."
+        f"{which} worse there than those given: in windows of {length} they took up what they are not. Do "
+        f"not take them over{beside}; record motion that tells them apart."
     )
 
 
