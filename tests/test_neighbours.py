@@ -55,8 +55,12 @@ def road(n=3000, seed=0):
     return 0.05 * wave[:, None] / np.abs(wave).max()
 
 
+def states_along(simulator, u):
+    return simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
+
+
 def places(code, simulator, u):
-    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
+    x = states_along(simulator, u)
     return placements(CATALOGUE[code], simulator, find_structure(simulator, x, u))
 
 
@@ -84,7 +88,7 @@ def test_a_neighbour_that_does_not_feel_it_is_not_pushed_back():
 
 def test_curves_without_a_name_push_back_too():
     simulator, u = make(), road()
-    x = simulator.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
+    x = states_along(simulator, u)
     found = curve_hypotheses(simulator, find_structure(simulator, x, u), u, x, x[:, [0, 2]])
     between = [h for h in found if np.count_nonzero(h.placed.weights) == 2]
     assert between
@@ -117,7 +121,7 @@ def test_two_bodies_that_stick_together_move_as_one():
     u = 5e3 * road() / 0.05  # N
     (placed,) = [p for p in places("coulomb_friction", make(in_space), u) if np.count_nonzero(p.weights) == 2]
     stuck = simulator.with_effects([placed.at([100.0, WHEEL / BODY])])
-    x = stuck.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
+    x = states_along(stuck, u)
     assert np.ptp(x[:, 1]) > 0.1
     np.testing.assert_allclose(x[:, 3], x[:, 1], atol=1e-9)
 
@@ -264,7 +268,7 @@ def test_steps_too_coarse_for_what_was_found_are_told_with_the_way_out(substeps,
     (friction,) = beside("coulomb_friction", simulator, u)
     acting = simulator.with_effects([friction.at([10.0])])
     windows = cut([(slice(0, len(u)), 0)], 300, 12)
-    x = acting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(simulator.states)))).x
+    x = states_along(acting, u)
     problem = Problem(simulator, u, x[:, [0, 2]], windows, Noise.white(np.array([noise, noise])))
     model = Model(simulator.nominal, acting.effects, x[windows.first])
     found = too_coarse(problem, model)

@@ -81,10 +81,10 @@ class TestNames:
         problem, _, best = refitted_with(power(exponent), drag())
         assert with_another_power(problem, best, 0.005) is None
 
-    def test_one_that_noise_may_have_moved_does_not(self):
-        for noise, refuted in ((0.001, True), (0.03, False)):
-            problem, _, best = refitted_with(power(2.6), drag(), noise=noise)
-            assert (with_another_power(problem, best, 0.005) is not None) == refuted
+    @pytest.mark.parametrize(("noise", "refuted"), [(0.001, True), (0.03, False)])
+    def test_one_that_noise_may_have_moved_does_not(self, noise, refuted):
+        problem, _, best = refitted_with(power(2.6), drag(), noise=noise)
+        assert (with_another_power(problem, best, 0.005) is not None) == refuted
 
     def test_what_is_no_power_by_its_name_is_not_asked(self):
         friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), VELOCITY, theta=(0.3,))
