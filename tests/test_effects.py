@@ -196,8 +196,8 @@ class TestEntries:
     @pytest.mark.parametrize("effect", ALL, ids=by_code)
     def test_starting_values_are_few_finite_and_physical(self, effect, ordinary, level):
         starts = starts_of(effect, ordinary, level)
-        # thresholds, wave numbers, frequencies: valleys side by side
-        most = {"valve_stiction": 24, "cogging": 60, "extra_mode": 20}
+        # thresholds, wave numbers, frequencies, stops: valleys side by side
+        most = {"valve_stiction": 24, "cogging": 60, "extra_mode": 20, "clearance": 10}
         assert 1 <= len(starts) <= most.get(effect.code, 8)
         assert starts.shape[1] == len(effect.parameters)
         for parameter, column in zip(effect.parameters, starts.T, strict=True):

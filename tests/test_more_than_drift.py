@@ -97,8 +97,12 @@ class TestMoreThanDrift:
         assert found[0] == "additive_drift"
         assert "gain_drift" not in found
         assert asked == [(drifting, [*named, "sensor_bias"])]
-        found, _ = self.chosen(axis, monkeypatch, pool, {(*named, "sensor_bias"): 0.001})
+        chances = {(*named, "sensor_bias"): 0.001, ("gain_drift",): 0.001}
+        found, asked = self.chosen(axis, monkeypatch, pool, chances)
         assert found == [*named]
+        assert asked[1] == ([], ["gain_drift"])  # where noise that drifts stands for the drift
+        chances["gain_drift",] = 0.2
+        assert "gain_drift" not in self.chosen(axis, monkeypatch, pool, chances)[0]
         # where offsets are not asked for, against the drift alone
         without = SimpleNamespace(**{**vars(SETTINGS), "effects": (CATALOGUE["additive_drift"],)})
         found = self.chosen(axis, monkeypatch, pool, {named: 0.2}, without)

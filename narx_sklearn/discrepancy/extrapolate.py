@@ -1,5 +1,6 @@
 """From quiet motion to loud: what was found, fitted to the quieter windows and run over the louder ones."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +132,7 @@ def _only(problem: Problem, windows: np.ndarray) -> Problem:
     own = problem.windows
     for a, b in zip(own.first[~windows], own.last[~windows], strict=True):
         y[a:b] = np.nan
-    return Problem(problem.simulator, problem.u, y, own, problem.noise)
+    return replace(problem, y=y)
 
 
 def _errors(problem: Problem, model: Model) -> Errors:

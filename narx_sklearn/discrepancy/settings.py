@@ -41,7 +41,6 @@ class Settings:
     tell: Callable[[str], None]
     level: float = 0.9
     test_fraction: float = 0.2
-    n_long: int = 4  # windows of an integrating plant, once short ones have brought its parameters near
 
     @property
     def alpha_in_part(self) -> float:
@@ -54,11 +53,8 @@ class Settings:
         return NAMELESS * self.alpha
 
     def for_second_look(self) -> "Settings":
-        """Return what a second look at a record is asked to do.
-
-        What integrates is run through in one window: the longer, the more it adds up of what little acts.
-        """
-        return replace(self, alpha=SECOND_LOOK * self.alpha, n_long=1)
+        """Return what a second look at a record is asked to do."""
+        return replace(self, alpha=SECOND_LOOK * self.alpha)
 
 
 def read_effects(effects, exclude=()) -> tuple[Effect, ...]:

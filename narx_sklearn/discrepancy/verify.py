@@ -1,6 +1,7 @@
 """Held-out free runs: the simulation as it was, refitted, and with the physics added."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -323,7 +324,7 @@ def _initial_states_fitted(
     y = problem.y.copy()
     for a, b in zip(led.first[leads], led.last[leads], strict=True):
         y[a:b] = np.nan
-    found = fit_initial_states(Problem(simulator, problem.u, y, led, problem.noise), all_x0)
+    found = fit_initial_states(replace(problem, simulator=simulator, y=y, windows=led), all_x0)
     left = found.residual[~leads]
     return found.model.x0[~leads], left if np.isfinite(found.cost) else np.full_like(left, np.inf)
 

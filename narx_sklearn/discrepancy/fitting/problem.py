@@ -5,8 +5,10 @@ All tensors have one axis of windows and one of samples times outputs, padded wi
     residual (W, T),  states' sensitivities (W, T, n_free),  parameters' sensitivities (W, T, n_q)
 """
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,6 +19,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
 
+LINE, PARABOLA = (1, 8), (2, 12)  # degree and samples of what a rate is guessed by: at ease, and in a blow
 FLAT = 1e-9  # singular values below this share of the largest carry no information on an initial state
 
 
@@ -59,6 +62,7 @@ class Problem:
     y: np.ndarray
     windows: Windows
     noise: Noise
+    rates: tuple[tuple[int, int, float], ...] = ()  # velocity, position, and the factor of its integral
     rows: np.ndarray = field(init=False)  # (W, L) sample of each place, 0 where padded
     inside: np.ndarray = field(init=False)  # (W, L)
     seen: np.ndarray = field(init=False)  # (W, L, n_outputs)
@@ -72,11 +76,20 @@ class Problem:
 
     def with_noise(self, noise: Noise) -> "Problem":
         """Return the problem with another noise model."""
-        return Problem(self.simulator, self.u, self.y, self.windows, noise)
+        return replace(self, noise=noise)
 
     def over(self, windows: Windows) -> "Problem":
         """Return the problem over other windows."""
-        return Problem(self.simulator, self.u, self.y, windows, self.noise)
+        return replace(self, windows=windows)
+
+    @cached_property
+    def measured_x0(self) -> tuple[np.ndarray, ...]:
+        """Initial states of the windows as the record may tell them, (n_windows, n_states) each; else NaN."""
+        slopes = (LINE, PARABOLA) if self.rates else (LINE,)
+        return tuple(
+            measured_states(self.simulator, self.u, self.y, self.windows, self.rates, slope)
+            for slope in slopes
+        )
 
     @property
     def n_seen(self) -> int:
@@ -168,6 +181,34 @@ class Problem:
         # so short that joblib, which looks for results every hundredth of a second, would only slow them down
         with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as threads:
             return np.stack(list(threads.map(column, indices)), axis=2)
+
+
+def measured_states(
+    simulator: Simulator, u, y, windows: Windows, rates: Sequence[tuple[int, int, float]], slope=LINE
+) -> np.ndarray:
+    """Return initial states of windows as measured, (n_windows, n_states), and rates by slopes; else NaN.
+
+    Parameters
+    ----------
+    rates : list of (int, int, float)
+        Velocities, the positions of which they are the rates, and in what unit of those.
+    slope : (int, int)
+        Degree of the polynomial that is laid through the first positions, and how many.
+    """
+    degree, n = slope
+    known = simulator.known_states(u, y, windows.first)
+    given = np.isfinite(known)
+    for velocity, position, factor in rates:
+        if given[:, velocity].any() or not given[:, position].any():
+            continue
+        for w, (a, b) in enumerate(zip(windows.first, windows.last, strict=True)):
+            samples = np.arange(a, min(a + n, b))
+            measured = simulator.known_states(u, y, samples)[:, position]
+            good = np.isfinite(measured)
+            if good.sum() > degree + 1:
+                t = (samples[good] - a) * simulator.dt
+                known[w, velocity] = np.polyfit(t, measured[good], degree)[-2] / factor
+    return known
 
 
 class Projector(NamedTuple):

@@ -112,7 +112,7 @@ def fit(
     """
     frame = _Frame.of(problem, model, free, tolerance)
     model = model.with_q(np.clip(model.q, frame.bounds[:, 0], frame.bounds[:, 1]))
-    now = _attempt(problem, model)
+    now = _begun_as_measured(problem, _attempt(problem, model), frame.luck)
     x_steps = state_scale(problem, model, now.run)
     damping, done, converged, gained = 1e-3, 0, False, 0.0
     at = _tangents(frame, now, x_steps, n_jobs)
@@ -325,6 +325,23 @@ def _attempt(problem: Problem, model: Model) -> Attempt:
 def _by_window(residual: np.ndarray) -> np.ndarray:
     with np.errstate(over="ignore", invalid="ignore"):
         return np.einsum("wt,wt->w", residual, residual)
+
+
+def _begun_as_measured(problem: Problem, now: Attempt, least: float) -> Attempt:
+    """Return an attempt whose windows begin as the record tells where that leaves less.
+
+    States were fitted without what is tried now. Where it makes a machine turn about, no tangent leads from
+    them to the right ones.
+    """
+    for known in problem.measured_x0:
+        x0 = np.where(np.isfinite(known) & problem.simulator.free_states, known, now.model.x0)
+        if np.array_equal(x0, now.model.x0):
+            continue
+        afresh = _attempt(problem, now.model._replace(x0=x0))
+        better = _by_window(afresh.residual) < np.nan_to_num(_by_window(now.residual), nan=np.inf) - least
+        if better.any():
+            now = _attempt(problem, now.model._replace(x0=np.where(better[:, None], x0, now.model.x0)))
+    return now
 
 
 def _cost(residual: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit_states
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure, find_structure
@@ -61,19 +61,7 @@ def guess_states(
     from a run of the simulator as it stands (``x``), or zero where that run left the finite range.
     """
     x0 = np.where(np.isfinite(x[windows.first]), x[windows.first], 0.0)
-    known = simulator.known_states(u, y, windows.first)
-    given = np.isfinite(known)
-    for velocity, position in enumerate(structure.partner):
-        if position < 0 or not structure.kinematic[position]:
-            continue
-        if given[:, velocity].any() or not given[:, position].any():
-            continue
-        for w, (a, b) in enumerate(zip(windows.first, windows.last, strict=True)):
-            samples = np.arange(a, min(a + 8, b))
-            measured = simulator.known_states(u, y, samples)[:, position]
-            good = np.isfinite(measured)
-            if good.sum() >= 3:
-                known[w, velocity] = np.polyfit(samples[good] * simulator.dt, measured[good], 1)[0]
+    known = measured_states(simulator, u, y, windows, structure.rates)
     return np.where(np.isfinite(known), known, x0)
 
 

@@ -249,18 +249,33 @@ def more_than_drift(
 
     A search that found a drift goes on from there, and comes to sets which nobody held against noise that
     drifts: without the drift, or with another name in its place. Nor against a drift that had gone somewhere
-    when the record began, as it had unless it began with it.
+    when the record began, as it had unless it began with it. What goes with a drift must stand where noise
+    that drifts takes the place of it too: what the drift's form leaves of one is not white.
     """
     drift = min((c.criterion for c in pool if is_all_drift(c)), default=np.inf)
     while not is_all_drift(best) and drift <= best.criterion + CERTAIN:
         drifts, more = _beside_drifts(problem, refitted, best, settings)
         trial = Trial(problem, drifts, bank, settings.n_jobs, settings.random_state)
         (chance,) = chances(trial, [more])
-        if chance <= settings.alpha:
+        if chance <= settings.alpha and _stands_without_drift(trial, refitted, best, settings):
             return best
         pool = [*(c for c in pool if c.places != best.places), *([drifts] if drifts.effects else [])]
         best = likeliest(pool, refitted.cost)
     return best
+
+
+def _stands_without_drift(trial: Trial, refitted: Fit, best: Candidate, settings: Settings) -> bool:
+    """Tell whether what goes with a drift is no noise where noise that drifts stands for the drift."""
+    rest = tuple(effect for effect in best.effects if not is_of_a_sensor(effect))
+    if not any(is_drift(effect) for effect in best.effects):
+        return True
+    drifting = trial.problem.with_noise(own_noise(trial.problem, refitted.model).noise)
+    base, more = (
+        Candidate(fit(drifting, model, n_jobs=settings.n_jobs), best.n_samples)
+        for model in (refitted.model, best.fit.model._replace(effects=rest))
+    )
+    (chance,) = chances(trial._replace(problem=drifting, base=base), [more])
+    return chance <= settings.alpha
 
 
 def _beside_drifts(

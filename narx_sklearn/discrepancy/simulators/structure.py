@@ -39,6 +39,15 @@ class Structure(NamedTuple):
         return found
 
     @property
+    def rates(self) -> tuple[tuple[int, int, float], ...]:
+        """States that another one integrates, as (velocity, position, the factor in which it does)."""
+        return tuple(
+            (velocity, position, float(self.slope[position, velocity]))
+            for velocity, position in enumerate(self.partner)
+            if position >= 0 and self.kinematic[position]
+        )
+
+    @property
     def channels(self) -> np.ndarray:
         """Inputs that no equation uses: measured channels that may still matter."""
         return np.flatnonzero(~self.inputs.any(axis=0))

@@ -1,5 +1,6 @@
 """The beginning of a diagnosis: the simulator's own parameters, fitted over windows that allow it."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -76,14 +77,14 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
             "Pass a longer record."
         )
-    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y))
+    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), structure.rates)
     settings.tell("fit of the simulator's own parameters")
     refitted = fit(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
     begun = _Fitted(problem, refitted, length)
     if settings.window is None:
         begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
         if not (pace.forgets or pace.growth):
-            longer = cut(pieces, min(n_samples, LONGEST) // settings.n_long, shortest)
+            longer = cut(pieces, min(n_samples, LONGEST), shortest)
             begun = _lengthened(begun, spread_out(longer))
     _check_finite(begun.problem, begun.refitted, finer)
     return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
@@ -148,7 +149,7 @@ def centred(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
         nearer = problem.simulator.centred(found.model.p)
         if nearer is problem.simulator:
             break
-        problem = Problem(nearer, problem.u, problem.y, problem.windows, problem.noise)
+        problem = replace(problem, simulator=nearer)
         found = fit(problem, found.model)
     return problem, found
 

@@ -21,6 +21,7 @@ from narx_sklearn.physics.effects._starts import (
 
 N_GAPS = 4  # that share a play whose corners are rounded
 ROUNDED = 0.1  # of the half-width of a play or a dead zone: the rounding of its corners to begin with
+MET = (0.15, 0.05, 0.015)  # shares of the time, that an end stop is met to begin with
 
 
 @kernel
@@ -146,10 +147,12 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
         return np.empty((0, 3))
     gaps = quantiles(np.abs(setting.argument - middle), [0.1, 0.3, 0.6, 0.9])
     wide = 2 * (high - low)  # puts the other stop out of reach
-    upper, lower = quantiles(setting.argument, [0.85, 0.15])
-    rows = np.concatenate(
-        [grid([1.0], gaps, [middle]), [[1.0, wide, upper - wide], [1.0, wide, lower + wide]]]
-    )
+    stops = [
+        [1.0, wide, stop - side * wide]
+        for beyond in MET
+        for side, stop in zip((1, -1), quantiles(setting.argument, [1 - beyond, beyond]), strict=True)
+    ]
+    rows = np.concatenate([grid([1.0], gaps, [middle]), stops])
     return scaled(setting, rows, lambda row: _past_gap_of_level(setting.argument, *row[1:]))
 
 

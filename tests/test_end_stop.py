@@ -1,0 +1,112 @@
+"""End stops that are met in little of a record, where windows begin in another valley without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_machines import axis
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
+from narx_sklearn.discrepancy.fitting.refit import fit_states
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.physics.effects import CATALOGUE, Setting
+
+DT, NOISE = 0.01, 0.004
+STOP = 0.55  # m
+HARD = PlacedEffect(CATALOGUE["clearance"], Port("state", 1), (1.0, 0.0), theta=(300.0, 5.0, STOP - 5.0))
+RATES = ((1, 0, 1.0),)
+
+
+def make_axis(gain=9.0, damping=2.0):
+    return ODESimulator(
+        axis,
+        dt=DT,
+        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        output=(0,),
+    )
+
+
+def recorded_axis(n=2400, seed=3):
+    """Return drive and position of an axis that follows waves in a loop, and meets its stop for a while."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * DT
+    waves = zip(rng.uniform(0.05, 2.0, 12), rng.uniform(0, 2 * np.pi, 12), strict=True)
+    wanted = sum(np.cos(2 * np.pi * hertz * t + phase) for hertz, phase in waves) / 8
+    x, drive, position = np.zeros(2), np.zeros((n, 1)), np.zeros((n, 1))
+    simulator = make_axis().with_effects([HARD])
+    one = Windows.whole([slice(0, 2)])
+    for k in range(n):
+        position[k], drive[k] = x[0], 6.0 * (wanted[k] - x[0]) - 0.5 * x[1]
+        x = simulator.run(np.repeat(drive[k : k + 1], 2, axis=0), one, x[None]).x[1]
+    return drive, position + NOISE * rng.normal(size=position.shape)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return recorded_axis()
+
+
+def test_the_record_meets_the_stop_in_little_of_it(record):
+    _, y = record
+    assert 0.01 < np.mean(y > STOP) < 0.1
+
+
+def test_windows_begin_as_measured_where_a_bounce_leads_nowhere_from_what_was_fitted(record):
+    """States fitted without the stop lie beyond it, moving back: no tangent leads through the bounce."""
+    u, y = record
+    windows = cut([(slice(0, len(y)), 0)], 80, 8)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
+    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+    bent = fit_states(problem, Model(problem.simulator.nominal, (), x0)).model
+    costs = [
+        fit_states(p, bent._replace(effects=(HARD,))).cost for p in (problem, replace(problem, rates=()))
+    ]
+    assert costs[0] < 1.1 * problem.n_seen
+    assert costs[1] > 2 * costs[0]  # the position alone does not do
+
+
+def test_rates_are_read_in_their_own_unit():
+    """A speed in m/s is a thousandth of the slope of a position in mm."""
+    simulator = ODESimulator(
+        lambda x, u, p: (1000.0 * x[1], p[0] * u[0] - x[1]),
+        dt=DT,
+        parameters={"gain": 1.0},
+        states=["position [mm]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        output=(0,),
+    )
+    u = np.sin(0.1 * np.arange(200))[:, None]
+    windows = cut([(slice(0, 200), 0)], 40, 8)
+    run = simulator.run(u, Windows.whole([slice(0, 200)]), np.zeros((1, 2)))
+    rates = find_structure(simulator, run.x, u).rates
+    assert rates == ((1, 0, pytest.approx(1000.0)),)
+    known = measured_states(simulator, u, run.y, windows, rates)
+    np.testing.assert_allclose(known[:, 0], run.x[windows.first, 0])
+    np.testing.assert_allclose(known[:, 1], run.x[windows.first, 1], atol=0.2 * np.ptp(run.x[:, 1]))
+    assert np.isnan(measured_states(simulator, u, run.y, windows, ())[:, 1]).all()
+
+
+def test_a_stop_is_tried_wherever_it_is_met_for_a_hundredth_of_the_time():
+    x = np.linspace(-1.0, 1.0, 1001) ** 9
+    rest = np.zeros_like(x)
+    setting = Setting(x, rest, x, rest, np.arange(x.size) * DT, DT, np.array([0]), rest, rest, rest)
+    starts = CATALOGUE["clearance"].starts(setting)
+    upper = starts[:, 1] + starts[:, 2]
+    met = [np.mean(x > stop) for stop in upper if stop < x.max()]
+    assert min(met) < 0.02
+
+
+def test_a_stop_of_an_axis_is_named(record):
+    u, y = record
+    effects = ["clearance", "extra_mode", "bouc_wen_hysteresis", "cogging", "coulomb_friction", "gain_drift"]
+    dx = DiscrepancyRegressor(make_axis(10.0, 1.6), effects=effects, random_state=0).fit(u, y)
+    assert (dx.verdict_, [finding.effect for finding in dx.findings_]) == ("explained", ["clearance"])
+    found = dx.findings_[0].parameters
+    assert found["g"] + found["c"] == pytest.approx(STOP, abs=0.005)
