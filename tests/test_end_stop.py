@@ -8,12 +8,19 @@ from small_machines import axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
-from narx_sklearn.discrepancy.fitting.refit import fit_states
+from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.detect import NONE_SILENT
+from narx_sklearn.discrepancy.search.generic import damped_beyond
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
+from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.forms import own_forms
 from narx_sklearn.physics.effects import CATALOGUE, Setting
 
 DT, NOISE = 0.01, 0.004
@@ -103,10 +110,63 @@ def test_a_stop_is_tried_wherever_it_is_met_for_a_hundredth_of_the_time():
     assert min(met) < 0.02
 
 
+def test_a_law_beyond_a_threshold_leads_where_the_mismatch_is_in_few_places(record):
+    """Tangents along a run that the stop throws far off say little of it: others stand before it."""
+    u, y = record
+    windows = cut([(slice(0, len(y)), 0)], 80, 8)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
+    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+    found = fit(problem, Model(problem.simulator.nominal, (), x0))
+    run = problem.run(found.model)
+    structure = find_structure(problem.simulator, run.x, u)
+    everything = enumerate_hypotheses(CATALOGUE.values(), problem, found.model, run, structure)
+    bank = make_bank(problem, found, everything)
+    assert "clearance" in [effect.effect.code for effect in leaders(bank, 1, NONE_SILENT, 1.0)]
+    evenly = replace(bank, residual=np.ones_like(bank.residual))
+    assert "clearance" not in [effect.effect.code for effect in leaders(evenly, 1, NONE_SILENT, 1.0)]
+
+
+class TestGivingWay:
+    def test_what_is_hit_damps_beyond_the_gap(self):
+        damped = damped_beyond(HARD)
+        assert damped.placed.port == HARD.port
+        assert damped.placed.weights == HARD.weights
+        theta = damped.starts[0]
+        np.testing.assert_allclose(theta, [1.0, STOP - 10.0, STOP])
+
+        def force(x, rate):
+            return damped.placed.effect.force(x, rate, 0.0, 0.0, 0.0, DT, np.zeros(1), theta, np.zeros(1))
+
+        assert [force(x, 2.0) for x in (STOP - 0.01, STOP + 0.01, STOP - 10.1)] == [0.0, -2.0, -2.0]
+
+    @pytest.mark.parametrize(
+        ("code", "port"),
+        [
+            ("cubic_stiffness", Port("state", 1)),
+            ("dead_zone", Port("input", 0)),
+            ("overflow", Port("state", 1)),
+        ],
+    )
+    def test_what_is_not_beyond_a_gap_has_no_such_form(self, code, port):
+        effect = CATALOGUE[code]
+        assert damped_beyond(PlacedEffect(effect, port, theta=(0.1,) * len(effect.parameters))) is None
+
+    def test_it_is_a_form_of_a_stop_where_it_takes_little(self, record):
+        u, y = record
+        windows = cut([(slice(0, len(y)), 0)], 80, 8)
+        problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
+        x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+        found = fit(problem, Model(problem.simulator.nominal, (HARD,), x0))
+        structure = find_structure(problem.simulator, problem.run(found.model).x, u)
+        forms = own_forms(problem, Candidate(found, problem.n_seen), structure)
+        assert "damped_beyond" in [form.placed.effect.code for form in forms]
+
+
 def test_a_stop_of_an_axis_is_named(record):
     u, y = record
     effects = ["clearance", "extra_mode", "bouc_wen_hysteresis", "cogging", "coulomb_friction", "gain_drift"]
     dx = DiscrepancyRegressor(make_axis(10.0, 1.6), effects=effects, random_state=0).fit(u, y)
     assert (dx.verdict_, [finding.effect for finding in dx.findings_]) == ("explained", ["clearance"])
+    assert ", where position is above 0.5" in dx.findings_[0].size
     found = dx.findings_[0].parameters
     assert found["g"] + found["c"] == pytest.approx(STOP, abs=0.005)

@@ -49,7 +49,7 @@ def make_findings(
         return found
     sure = diagnosis.intervals(level)
     share = 1 - best.fit.cost / base.cost
-    sizes = _sizes(diagnosis)
+    added = list(_added(diagnosis))
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
         there = _has(placed)
@@ -80,8 +80,9 @@ def make_findings(
                 during=placed.during if placed.passes else None,
                 untold=tuple(compress(names, untold)),
                 together=_together(diagnosis, i),
-                adds=sizes[i],
+                adds=(float(added[i][1].min()), float(added[i][1].max())) if added[i][1].size else None,
                 adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
+                where=where_in_words(placed, added[i][0]),
                 evidence={
                     "criterion_gain": float(
                         base.cost and Candidate(base, best.n_samples).criterion - best.criterion
@@ -101,17 +102,52 @@ def _together(diagnosis: Diagnosis, i: int) -> tuple[str, ...]:
     return tuple(names[k] for k in lost_together(diagnosis.problem, best.fit, own))
 
 
-def _sizes(diagnosis: Diagnosis) -> list[tuple[float, float] | None]:
-    """Return the least and the most that each effect adds along the samples fitted, while it acts."""
+def _added(diagnosis: Diagnosis) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the argument of each effect along the samples fitted, while it acts, and what it adds."""
     problem, model = diagnosis.problem, diagnosis.best.fit.model
     run = problem.run(model)
     rows = problem.samples_of(run)
-    sizes: list[tuple[float, float] | None] = []
     for index in range(len(model.effects)):
-        *_, added = correction(problem, model, run, index, rows, MOST_ASKED)
-        added = added[np.isfinite(added)]
-        sizes.append((float(added.min()), float(added.max())) if added.size else None)
-    return sizes
+        _, argument, added = correction(problem, model, run, index, rows, MOST_ASKED)
+        known = np.isfinite(added)
+        yield argument[known], added[known]
+
+
+def where_in_words(placed: PlacedEffect, argument: np.ndarray) -> str:
+    """Return where an effect acts of the values that its argument takes; empty where it acts anywhere.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.findings import where_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> stop = PlacedEffect(
+    ...     CATALOGUE["clearance"],
+    ...     Port("state", 1),
+    ...     (1.0, 0.0),
+    ...     theta=(300.0, 5.0, -4.5),
+    ...     argument_name="position",
+    ...     argument_unit="m",
+    ... )
+    >>> where_in_words(stop, np.linspace(-1.0, 1.0))
+    'position is above 0.5 m'
+    """
+    if placed.effect.acts_in is None or not argument.size:
+        return ""
+    low, high = argument.min(), argument.max()
+    unit = f" {placed.argument_unit}" if placed.argument_unit else ""
+    told = []
+    for begins, ends in placed.effect.acts_in(np.array(placed.theta[: len(placed.effect.parameters)])):
+        if not (begins < high and ends > low):
+            continue
+        if begins > low and ends < high:
+            told.append(f"between {begins:.4g} and {ends:.4g}{unit}")
+        elif begins > low:
+            told.append(f"above {begins:.4g}{unit}")
+        elif ends < high:
+            told.append(f"below {ends:.4g}{unit}")
+    return f"{placed.argument_name or 'it'} is {' or '.join(told)}" if told else ""
 
 
 def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:

@@ -92,6 +92,9 @@ class Finding:
         The least and the most that it adds along the samples fitted; None where that is not known.
     adds_to : str, default=""
         What that is added to, its unit before it: ``"m/s^2 added to the rate of velocity"``.
+    where : str, default=""
+        Where it acts, if that is where a signal is beyond or between values that it came to:
+        ``"position is above 0.54 m"``; empty where it acts anywhere.
     """
 
     effect: str
@@ -117,6 +120,7 @@ class Finding:
     together: tuple[str, ...] = ()
     adds: tuple[float, float] | None = None
     adds_to: str = ""
+    where: str = ""
 
     @property
     def size(self) -> str:
@@ -124,7 +128,8 @@ class Finding:
         if self.adds is None:
             return ""
         low, high = self.adds
-        return f"Along this record: {low:.3g} to {high:.3g} {self.adds_to}."
+        where = f", where {self.where}" if self.where else ""
+        return f"Along this record: {low + 0.0:.3g} to {high + 0.0:.3g} {self.adds_to}{where}."  # no -0
 
     @property
     def when(self) -> str:

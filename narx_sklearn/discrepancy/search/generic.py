@@ -30,9 +30,11 @@ KNOTS = 7  # of a broken line
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
 LINE, PULSE = "unnamed_line", "unnamed_pulse"
 ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
+DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, ODD_POWER, EVEN_POWER)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
+    DAMPED: "a damping that the catalogue does not hold",
     SURFACE: "a force of position and rate that the catalogue does not hold",
     DRIVEN: "a law of position, rate and input that the catalogue does not hold",
     LINE: "a parameter that changed",
@@ -41,6 +43,7 @@ TITLES = {
     EVEN_POWER: "a power that the catalogue does not hold",
 }
 SENTENCES = {
+    DAMPED: "What is hit gives way.",
     CURVE: "Something acts here that depends on this signal in a way none of the known effects does.",
     SURFACE: "Something acts here that depends on position and rate as none of the known effects does.",
     DRIVEN: "What is moved here takes up its forces in another way at another position or rate, as where its "
@@ -99,6 +102,12 @@ def _force(argument, rate, own, second, time, step, z, theta, dz):
 def _transform(signal, second, dt, theta, first):
     knots = np.linspace(theta[KNOTS], theta[KNOTS + 1], KNOTS)
     return signal + np.interp(signal, knots, theta[:KNOTS])
+
+
+@njit(nogil=True, cache=True)
+def _damped_beyond(argument, rate, own, second, time, step, z, theta, dz):
+    """Return what damps a motion beyond a gap."""
+    return 0.0 if theta[1] < argument < theta[2] else -theta[0] * rate
 
 
 @njit(nogil=True, cache=True)
@@ -171,6 +180,28 @@ def with_free_power(placed: PlacedEffect, power: Power, size: float) -> PlacedEf
     onward = placed.theta[len(effect.parameters) :]
     freed = replace(placed, effect=power_effect(power, size), limits=())
     return freed.at((strength, power.exponent, size, *onward))
+
+
+def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
+    """Return what damps a motion where an effect acts on it, if that is beyond a gap: a stop gives way.
+
+    A spring alone gives all back (Hunt and Crossley 1975, Coefficient of Restitution Interpreted as Damping
+    in Vibroimpact).
+    """
+    if placed.effect.acts_in is None or placed.port.kind != "state":
+        return None
+    spans = placed.effect.acts_in(np.array(placed.theta))
+    if len(spans) != 2 or np.isfinite([spans[0][0], spans[1][1]]).any():
+        return None
+    gap = spans[0][1], spans[1][0]
+    fixed = [EffectParameter(name, "{arg}", at, at) for name, at in zip(("from", "to"), gap, strict=True)]
+    law = _law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "{port} s/({arg})")
+    begun = replace(placed, effect=law, limits=()).at(
+        (0.0, *gap, *placed.theta[len(placed.effect.parameters) :])
+    )
+    start = np.array(begun.theta)
+    start[0] = 1.0
+    return Hypothesis(begun, start[None], tuned=np.zeros(1, dtype=bool), tried=np.zeros(1))
 
 
 def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:

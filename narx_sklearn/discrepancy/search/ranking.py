@@ -13,6 +13,8 @@ STARTS = 2  # of one leader that are tried
 MANY = 6  # starts of one effect, of which one more is tried: a shape with jumps has many valleys
 NEARLY = 0.3  # share of the gain of its best start that another one must have
 LINES = {"periodic_disturbance"}  # effects that the test over the bank cannot see, but that of a line can
+PARTS = 20  # of the time, by which it is told whether the mismatch is in few places
+SELDOM = 0.5  # share of the mismatch in a tenth of them, from which it is
 APART = 0.01  # share of a column's square that another must leave, for the two to be told apart
 
 
@@ -72,7 +74,9 @@ def _within(strength: np.ndarray, limits: np.ndarray) -> np.ndarray:
 def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
     """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
 
-    Where no parameter scales an effect, the last of its starts is the one that is best as it stands.
+    Where no parameter scales an effect, the last of its starts is the one that is best as it stands. What is
+    met seldom throws a run so far off that tangents along it tell little: then all are leaders that act
+    beyond a threshold.
     """
     gain, strength = gains(bank)
     scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
@@ -86,14 +90,26 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
             continue  # the test that speaks for this kind of effect was silent
         best.setdefault(int(bank.owner[j]), []).append(int(j))
     found = []
-    for h, columns in list(best.items())[:n]:
+    seldom = _is_met_seldom(bank)
+    for rank, (h, columns) in enumerate(best.items()):
         hypothesis = bank.hypotheses[h]
+        if rank >= n and not (seldom and hypothesis.placed.effect.acts_in is not None):
+            continue
         most = max(STARTS, len(hypothesis.starts) // MANY)
         chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
         if hypothesis.placed.amplitude is None and len(chosen) == most:
             chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
         found += [scaled(bank, j, strength[j]) for j in dict.fromkeys(chosen)]
     return found
+
+
+def _is_met_seldom(bank: Bank) -> bool:
+    """Tell whether most of what is left is in few parts of the time."""
+    if bank.residual.size < PARTS:
+        return False
+    squares = bank.residual.ravel() ** 2
+    costs = np.sort([part.sum() for part in np.array_split(squares, PARTS)])
+    return bool(costs[-(PARTS // 10) :].sum() > SELDOM * costs.sum())
 
 
 def scaled(bank: Bank, column: int, strength: float) -> PlacedEffect:

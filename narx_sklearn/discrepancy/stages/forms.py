@@ -1,4 +1,4 @@
-"""What a name leaves because its form is idealised: what a curve along its own argument would take."""
+"""What a name leaves because its form is idealised: what a curve along its argument or a loss takes."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import Bank, effect_column, make_bank, out_of
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.explain import without
-from narx_sklearn.discrepancy.search.generic import CURVE
+from narx_sklearn.discrepancy.search.generic import CURVE, damped_beyond
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.unnamed import curves_along
@@ -19,7 +19,9 @@ IS_A_CURVE = 0.5  # share of what an effect does that a curve would do too, abov
 def own_forms(
     problem: Problem, best: Candidate, structure: Structure, n_jobs: int | None = None
 ) -> list[Hypothesis]:
-    """Return the curves that give names of a set another form, each little beside what its name explains.
+    """Return what gives names of a set another form, each little beside what its name explains.
+
+    That is a curve along what it depends on, and for what is hit, a damping while it is.
 
     Only where a name is alone on what it depends on: two on one signal make up a law together, of which
     neither need be true.
@@ -33,6 +35,11 @@ def own_forms(
             at_its_place = _along(effect, curve.placed) and effect.through == curve.placed.through
             if at_its_place and _is_form(problem, best, effect, curve, n_jobs):
                 found.append(curve)
+        damped = damped_beyond(effect)
+        if damped is not None:
+            explained = without(problem, best, [effect]).fit.cost - best.fit.cost
+            if _is_little(problem, best, damped, explained, n_jobs):
+                found.append(damped)
     return found
 
 
@@ -72,5 +79,12 @@ def _is_form(
     left = np.sum(out_of(bank.columns, own) ** 2)
     if not left < (1.0 - IS_A_CURVE) * np.sum(own**2):
         return False
-    taken = _taken(make_bank(problem, best.fit, [curve], n_jobs))
-    return bool(taken <= FORM * (others.cost - best.fit.cost + taken))
+    return _is_little(problem, best, curve, others.cost - best.fit.cost, n_jobs)
+
+
+def _is_little(
+    problem: Problem, best: Candidate, form: Hypothesis, explained: float, n_jobs: int | None
+) -> bool:
+    """Tell whether another form takes little beside what a name has explained."""
+    taken = _taken(make_bank(problem, best.fit, [form], n_jobs))
+    return bool(taken <= FORM * (explained + taken))
