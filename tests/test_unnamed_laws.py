@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.search.generic import (
 )
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.unnamed import simplified
+from narx_sklearn.discrepancy.stages.unnamed import held_where_seen, simplified
 
 
 def van_der_pol(x, u, p):
@@ -73,15 +73,47 @@ def test_where_no_term_with_the_input_is_left_it_is_a_law_of_position_and_rate()
     (driven,) = found[DRIVEN].effects
     law = without_terms(driven, range(len(MONOMIALS), len(TERMS[DRIVEN])))
     assert (law.effect.code, law.second, law.port) == (SURFACE, (), driven.port)
-    without = driven.at([*driven.theta[: len(MONOMIALS)], 0.0, 0.0, 0.0, 0.0, *driven.theta[-3:]])
+    fixed = driven.theta[len(TERMS[DRIVEN]) :]
+    without = driven.at([*driven.theta[: len(MONOMIALS)], 0.0, 0.0, 0.0, 0.0, *fixed])
     runs = [problem.run(found[DRIVEN].fit.model._replace(effects=(placed,))).y for placed in (law, without)]
     np.testing.assert_allclose(*runs, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("code", [SURFACE, DRIVEN])
+def test_beyond_the_motion_over_which_it_was_fitted_a_polynomial_stays_as_it_is(code):
+    problem, found = polynomials(van_der_pol)
+    law = found[code]
+    held = held_where_seen(problem, law)
+    before, after = (problem.run(c.fit.model) for c in (law, held))
+    np.testing.assert_allclose(after.y, before.y, atol=1e-4 * np.ptp(before.y))
+    (placed,) = held.effects
+    low, high = before.x[:, 0].min(), before.x[:, 0].max()
+
+    def force(x, v):
+        theta, rest = np.array(placed.theta), np.zeros(1)
+        return placed.effect.force(x, v, 0.0, 1.0, 0.0, 0.02, rest, theta, rest)
+
+    np.testing.assert_allclose(
+        [force(10 * low, 0.1), force(10 * high, 0.1)], [force(low, 0.1), force(high, 0.1)]
+    )
+    assert force(high, 0.1) != force(0.9 * high, 0.1)
+    assert force(0.1, 1e6) == force(0.1, 1e9)
+    assert np.all(np.ptp(placed.bounds[-4:], axis=1) == 0)  # no fit moves the ends
+
+
+def test_a_law_that_was_simplified_is_held_too():
+    problem, found = polynomials(van_der_pol)
+    held = held_where_seen(problem, simplified(problem, found[DRIVEN]))
+    (placed,) = held.effects
+    assert placed.theta[-4] > -1e3
+    assert held.fit.cost == pytest.approx(problem.n_seen, rel=0.1)
 
 
 def test_what_is_no_polynomial_is_left_as_it_is():
     problem, found = polynomials(van_der_pol)
     nothing = Candidate(found[SURFACE].fit._replace(model=found[SURFACE].fit.model._replace(effects=())), 1)
     assert simplified(problem, nothing) is nothing
+    assert held_where_seen(problem, nothing) is nothing
 
 
 def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
@@ -91,6 +123,7 @@ def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
     (finding,) = dx.findings_
     assert "x2v x^2 v" in finding.equation
     assert len(finding.parameters) <= 4  # of seven coefficients and two sizes
+    assert "It was seen for position from -" in finding.sentence
     strength, x, v = (finding.parameters[name] for name in ("x2v", "size of x", "size of v"))
     assert strength / (x * x * v) == pytest.approx(-5.0, rel=0.2)
     np.testing.assert_allclose(dx.parameters_["augmented"], [4.0, 1.0, 20.0], rtol=0.1)

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
-from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, UNNAMED
 from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
@@ -62,7 +62,7 @@ def make_findings(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
                 title=placed.effect.title,
-                sentence=placed.effect.sentence,
+                sentence=" ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
                 equation=placed.effect.equation,
                 port=str(placed.port),
                 place=place_in_words(placed, simulator),
@@ -252,9 +252,35 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
 
 
 def _has(placed: PlacedEffect) -> np.ndarray:
-    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms."""
+    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms.
+
+    Nor are the ends of what it was seen over parameters of it.
+    """
+    if placed.effect.code not in UNNAMED:
+        return np.ones(placed.n_theta, dtype=bool)
     dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
-    return ~dropped if placed.effect.code in UNNAMED else np.ones(placed.n_theta, dtype=bool)
+    return ~(dropped | np.isin(parameter_names(placed), [name for name, _ in ENDS]))
+
+
+def seen_in_words(placed: PlacedEffect) -> str:
+    """Return over what a polynomial without a name was seen; empty for what is none.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.findings import seen_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> seen_in_words(PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), theta=(1.0,)))
+    ''
+    """
+    values = dict(zip(parameter_names(placed), placed.theta, strict=True))
+    ends = [values[name] for name, _ in ENDS if name in values]
+    if not ends or ends == [*ANYWHERE]:
+        return ""
+    x, v = (f"from {a:.3g} to {b:.3g}" for a, b in (ends[:2], ends[2:]))
+    return f"It was seen for {placed.argument_name} {x} {placed.argument_unit}".rstrip() + (
+        f", v {v}; beyond that it stays as it is there."
+    )
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

@@ -6,7 +6,7 @@ depends on them. When one explains clearly more than any of the names, something
 and its curve is already drawn.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +54,8 @@ SENTENCES = {
     ODD_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
     EVEN_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
 }
+ENDS = ("x from", "{arg}"), ("x to", "{arg}"), ("v from", "{arg}/s"), ("v to", "{arg}/s")  # of what was seen
+ANYWHERE = (-1e30, 1e30, -1e30, 1e30)  # while it is fitted
 POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
 HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
 MONOMIALS = {"x2": "x^2", "xv": "x v", "v2": "v^2", "x3": "x^3", "x2v": "x^2 v", "xv2": "x v^2", "v3": "v^3"}
@@ -77,13 +79,15 @@ def _broken_line(value, theta):
 @njit(nogil=True, cache=True)
 def _surface(argument, rate, own, second, time, step, z, theta, dz):
     """Return the polynomial of second and third degree in position and rate, in units of their sizes."""
-    return _polynomial(argument / theta[7], rate / theta[8], theta)
+    x, v = min(max(argument, theta[9]), theta[10]), min(max(rate, theta[11]), theta[12])
+    return _polynomial(x / theta[7], v / theta[8], theta)
 
 
 @njit(nogil=True, cache=True)
 def _driven_surface(argument, rate, own, second, time, step, z, theta, dz):
     """Return the same, and an input's gain of second degree in position and rate."""
-    x, v, u = argument / theta[11], rate / theta[12], second / theta[13]
+    x = min(max(argument, theta[14]), theta[15]) / theta[11]
+    v, u = min(max(rate, theta[16]), theta[17]) / theta[12], second / theta[13]
     gain = theta[7] * x + theta[8] * x * x + theta[9] * v + theta[10] * v * v
     return _polynomial(x, v, theta) + gain * u
 
@@ -336,7 +340,7 @@ def _without_input(placed: PlacedEffect) -> PlacedEffect:
     effect = _law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
     rest = placed.theta[len(placed.effect.parameters) :]
     alone = replace(placed, effect=effect, second=(), second_name="", second_unit="", limits=())
-    return alone.at((*placed.theta[:n], *sizes, *rest))
+    return alone.at((*placed.theta[:n], *sizes, *ANYWHERE, *rest))
 
 
 def _sizes_of_motion(position: np.ndarray, dt: float) -> tuple[float, float]:
@@ -346,9 +350,26 @@ def _sizes_of_motion(position: np.ndarray, dt: float) -> tuple[float, float]:
 
 def _fixed(sizes: tuple[float, ...]) -> tuple[EffectParameter, ...]:
     kinds = ("size of x", "{arg}"), ("size of v", "{arg}/s"), ("size of u", "{second}")
-    return tuple(
-        EffectParameter(name, unit, size, size) for (name, unit), size in zip(kinds, sizes, strict=False)
-    )
+    told = [*zip(kinds, sizes, strict=False), *zip(ENDS, ANYWHERE, strict=True)]
+    return tuple(EffectParameter(name, unit, value, value) for (name, unit), value in told)
+
+
+def held_beyond(placed: PlacedEffect, ends: Sequence[float]) -> PlacedEffect:
+    """Return a polynomial that stays as it is at the ends of the positions and rates it was seen over.
+
+    Its powers may throw a louder motion anywhere.
+
+    Parameters
+    ----------
+    ends : list of float
+        Least and largest position, and rate.
+    """
+    n, after = len(placed.effect.parameters) - len(ENDS), len(placed.effect.parameters)
+    fixed = (EffectParameter(name, unit, end, end) for (name, unit), end in zip(ENDS, ends, strict=True))
+    effect = replace(placed.effect, parameters=(*placed.effect.parameters[:n], *fixed))
+    limits = placed.limits and (*placed.limits[:n], *((end, end) for end in ends), *placed.limits[after:])
+    theta = (*placed.theta[:n], *ends, *placed.theta[after:])
+    return replace(placed, effect=effect, limits=limits).at(theta)
 
 
 def _unnamed(

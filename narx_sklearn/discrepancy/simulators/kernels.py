@@ -21,7 +21,7 @@ from numba.extending import intrinsic
 from narx_sklearn.physics.effects._effect import MAX_MEMORY
 
 MAX_EFFECTS = 4  # effects that act at state equations at the same time
-MAX_THETA = 16  # parameters of one effect; the last one is the share that spills onward
+MAX_THETA = 24  # parameters of one effect; the last one is the share that spills onward
 SPILL = MAX_THETA - 1
 AT_ONCE = 1e-6  # of a step
 NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides

@@ -33,7 +33,12 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     look_for_unforeseen,
     which_leads,
 )
-from narx_sklearn.discrepancy.stages.unnamed import best_pulsating, best_unnamed, is_explained_by
+from narx_sklearn.discrepancy.stages.unnamed import (
+    best_pulsating,
+    best_unnamed,
+    held_where_seen,
+    is_explained_by,
+)
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
@@ -182,6 +187,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         assert found.unnamed is not None
         of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(found.unnamed.effects)
         found = found._replace(best=found.unnamed, alternatives=of_each, against_noise=())
+    found = found._replace(best=held_where_seen(problem, found.best))
     return Diagnosis(
         verdict=found.verdict,
         problem=problem,

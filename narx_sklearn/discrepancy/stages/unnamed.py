@@ -7,13 +7,14 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
-from narx_sklearn.discrepancy.placed import ALWAYS
+from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
     TERMS,
     curve_hypotheses,
+    held_beyond,
     line_hypotheses,
     pulse_hypotheses,
     without_terms,
@@ -89,6 +90,23 @@ def simplified(problem: Problem, candidate: Candidate) -> Candidate:
         elif len(weak) == 1:
             return best
         at_once = False
+
+
+def held_where_seen(problem: Problem, candidate: Candidate) -> Candidate:
+    """Return a set whose polynomials stay as they are beyond the motion over which they were fitted."""
+    model = candidate.fit.model
+    if not any(effect.effect.code in TERMS for effect in model.effects):
+        return candidate
+    run, inside = problem.run(model), problem.inside
+
+    def held(placed: PlacedEffect) -> PlacedEffect:
+        position = run.x[problem.rows] @ np.array(placed.weights)
+        rate = np.diff(position, axis=1)[inside[:, 1:]] / problem.simulator.dt
+        ends = [float(end) for v in (position[inside], rate) for end in (np.nanmin(v), np.nanmax(v))]
+        return held_beyond(placed, ends) if np.isfinite(ends).all() else placed
+
+    effects = tuple(held(e) if e.effect.code in TERMS else e for e in model.effects)
+    return replace(candidate, fit=candidate.fit._replace(model=model._replace(effects=effects)))
 
 
 def best_pulsating(
