@@ -7,6 +7,7 @@ import pytest
 from small_machines import axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import where_in_words
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
 from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.noise import Noise
@@ -124,6 +125,17 @@ def test_a_law_beyond_a_threshold_leads_where_the_mismatch_is_in_few_places(reco
     assert "clearance" in [effect.effect.code for effect in leaders(bank, 1, NONE_SILENT, 1.0)]
     evenly = replace(bank, residual=np.ones_like(bank.residual))
     assert "clearance" not in [effect.effect.code for effect in leaders(evenly, 1, NONE_SILENT, 1.0)]
+
+
+def test_what_adds_something_elsewhere_too_is_not_told_to_act_in_a_place():
+    zone = PlacedEffect(
+        CATALOGUE["dead_zone"], Port("input", 0), theta=(0.5, 0.0, 0.0), argument_name="drive"
+    )
+    drive = np.linspace(-2.0, 2.0, 101)
+    assert where_in_words(zone, drive, -np.clip(drive, -0.5, 0.5)) == ""
+    clip = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-1.0, 1.5), argument_name="level")
+    assert where_in_words(clip, drive, np.clip(drive, -1.0, 1.5) - drive) == "level is below -1 or above 1.5"
+    assert where_in_words(clip, drive / 2, np.zeros(101)) == ""  # beyond the ends nothing was seen
 
 
 class TestGivingWay:

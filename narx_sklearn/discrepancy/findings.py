@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
 from narx_sklearn.discrepancy.units import in_seconds, tidy_unit
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
+NOTHING = 1e-3  # of the most that an effect adds
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -82,7 +83,7 @@ def make_findings(
                 together=_together(diagnosis, i),
                 adds=(float(added[i][1].min()), float(added[i][1].max())) if added[i][1].size else None,
                 adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
-                where=where_in_words(placed, added[i][0]),
+                where=where_in_words(placed, *added[i]),
                 evidence={
                     "criterion_gain": float(
                         base.cost and Candidate(base, best.n_samples).criterion - best.criterion
@@ -113,8 +114,8 @@ def _added(diagnosis: Diagnosis) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield argument[known], added[known]
 
 
-def where_in_words(placed: PlacedEffect, argument: np.ndarray) -> str:
-    """Return where an effect acts of the values that its argument takes; empty where it acts anywhere.
+def where_in_words(placed: PlacedEffect, argument: np.ndarray, added: np.ndarray) -> str:
+    """Return where an effect acts of the values that its argument takes; empty where it does anywhere.
 
     Examples
     --------
@@ -130,15 +131,20 @@ def where_in_words(placed: PlacedEffect, argument: np.ndarray) -> str:
     ...     argument_name="position",
     ...     argument_unit="m",
     ... )
-    >>> where_in_words(stop, np.linspace(-1.0, 1.0))
+    >>> position = np.linspace(-1.0, 1.0)
+    >>> where_in_words(stop, position, -300.0 * np.maximum(position - 0.5, 0.0))
     'position is above 0.5 m'
     """
     if placed.effect.acts_in is None or not argument.size:
         return ""
+    spans = placed.effect.acts_in(np.array(placed.theta[: len(placed.effect.parameters)]))
+    outside = ~np.any([(begins <= argument) & (argument <= ends) for begins, ends in spans], axis=0)
+    if np.abs(added[outside]).max(initial=0.0) > NOTHING * np.abs(added).max():
+        return ""
     low, high = argument.min(), argument.max()
     unit = f" {placed.argument_unit}" if placed.argument_unit else ""
     told = []
-    for begins, ends in placed.effect.acts_in(np.array(placed.theta[: len(placed.effect.parameters)])):
+    for begins, ends in spans:
         if not (begins < high and ends > low):
             continue
         if begins > low and ends < high:
