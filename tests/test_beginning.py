@@ -14,7 +14,8 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened, begin
+from narx_sklearn.discrepancy.stages import beginning
+from narx_sklearn.discrepancy.stages.beginning import _Fitted, _lengthened, _lengthened_most, begin
 from narx_sklearn.discrepancy.verify import Lead, Stretch, free_run
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -47,6 +48,18 @@ class TestLongWindows:
         problem.y[:] += 0.5 * np.std(problem.y) * np.random.default_rng(9).normal(size=problem.y.shape)
         short = _Fitted(problem, fit(problem, start), 50)
         assert _lengthened(short, cut([(slice(0, 1500), 0)], 375, 12)).problem.windows.count == 4
+
+    @pytest.mark.parametrize(("follows_from", "count"), [(1, 1), (2, 2), (3, 4), (30, 30)])
+    def test_where_a_whole_run_is_lost_parts_are_tried(self, follows_from, count, monkeypatch):
+        problem, start = axis_problem(n_windows=30)
+        short = _Fitted(problem, fit(problem, start), 50)
+
+        def followed(begun, windows):
+            return begun if windows.count < follows_from else begun._replace(problem=problem.over(windows))
+
+        monkeypatch.setattr(beginning, "_lengthened", followed)
+        longest = _lengthened_most(short, [(slice(0, 1500), 0)], 1500, 12)
+        assert longest.problem.windows.count == count
 
     def test_each_session_is_run_through_in_one(self):
         problem, _ = axis_problem(n_windows=30)

@@ -27,6 +27,7 @@ from narx_sklearn.discrepancy.simulators.windows import (
 SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is fitted first
 TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
 FOLLOWS = 0.3  # share of an output's spread that long windows may leave beside what short ones leave
+PARTS = (1, 2, 4, 8)  # of a record, that are tried as windows of an integrating plant
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 
 
@@ -84,8 +85,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     if settings.window is None:
         begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
         if not (pace.forgets or pace.growth):
-            longer = cut(pieces, min(n_samples, LONGEST), shortest)
-            begun = _lengthened(begun, spread_out(longer))
+            begun = _lengthened_most(begun, pieces, min(n_samples, LONGEST), shortest)
     _check_finite(begun.problem, begun.refitted, finer)
     return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
 
@@ -203,6 +203,15 @@ def _shortened(
         if from_afar.cost <= TRAPPED * led.cost:
             break
     return _Fitted(part, min(led, from_afar, key=lambda fitted: fitted.cost), part.windows.length)
+
+
+def _lengthened_most(begun: _Fitted, pieces, n_samples: int, shortest: int) -> _Fitted:
+    """Return the problem over the longest windows in which the run still follows the recording."""
+    for share in PARTS:
+        longer = _lengthened(begun, spread_out(cut(pieces, n_samples // share, shortest)))
+        if longer is not begun:
+            return longer
+    return begun
 
 
 def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
