@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_machines import axis
+import small_machines
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.findings import where_in_words
@@ -31,14 +31,15 @@ RATES = ((1, 0, 1.0),)
 
 
 def make_axis(gain=9.0, damping=2.0):
-    return ODESimulator(
-        axis,
-        dt=DT,
-        parameters={"gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-        output=(0,),
-    )
+    return small_machines.make_axis(gain, damping, dt=DT)
+
+
+def in_windows(record):
+    """Return the problem over short windows, and initial states that know of no rate."""
+    u, y = record
+    windows = cut([(slice(0, len(y)), 0)], 80, 8)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
+    return problem, np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
 
 
 def recorded_axis(n=2400, seed=3):
@@ -68,10 +69,7 @@ def test_the_record_meets_the_stop_in_little_of_it(record):
 
 def test_windows_begin_as_measured_where_a_bounce_leads_nowhere_from_what_was_fitted(record):
     """States fitted without the stop lie beyond it, moving back: no tangent leads through the bounce."""
-    u, y = record
-    windows = cut([(slice(0, len(y)), 0)], 80, 8)
-    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
-    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+    problem, x0 = in_windows(record)
     bent = fit_states(problem, Model(problem.simulator.nominal, (), x0)).model
     costs = [
         fit_states(p, bent._replace(effects=(HARD,))).cost for p in (problem, replace(problem, rates=()))
@@ -113,13 +111,10 @@ def test_a_stop_is_tried_wherever_it_is_met_for_a_hundredth_of_the_time():
 
 def test_a_law_beyond_a_threshold_leads_where_the_mismatch_is_in_few_places(record):
     """Tangents along a run that the stop throws far off say little of it: others stand before it."""
-    u, y = record
-    windows = cut([(slice(0, len(y)), 0)], 80, 8)
-    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
-    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+    problem, x0 = in_windows(record)
     found = fit(problem, Model(problem.simulator.nominal, (), x0))
     run = problem.run(found.model)
-    structure = find_structure(problem.simulator, run.x, u)
+    structure = find_structure(problem.simulator, run.x, problem.u)
     everything = enumerate_hypotheses(CATALOGUE.values(), problem, found.model, run, structure)
     bank = make_bank(problem, found, everything)
     assert "clearance" in [effect.effect.code for effect in leaders(bank, 1, NONE_SILENT, 1.0)]
@@ -164,12 +159,9 @@ class TestGivingWay:
         assert damped_beyond(PlacedEffect(effect, port, theta=(0.1,) * len(effect.parameters))) is None
 
     def test_it_is_a_form_of_a_stop_where_it_takes_little(self, record):
-        u, y = record
-        windows = cut([(slice(0, len(y)), 0)], 80, 8)
-        problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([NOISE])), RATES)
-        x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
+        problem, x0 = in_windows(record)
         found = fit(problem, Model(problem.simulator.nominal, (HARD,), x0))
-        structure = find_structure(problem.simulator, problem.run(found.model).x, u)
+        structure = find_structure(problem.simulator, problem.run(found.model).x, problem.u)
         forms = own_forms(problem, Candidate(found, problem.n_seen), structure)
         assert "damped_beyond" in [form.placed.effect.code for form in forms]
 
