@@ -8,7 +8,7 @@ import small_machines
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.findings import where_in_words
-from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
+from narx_sklearn.discrepancy.fitting.problem import LINE, PARABOLA, Model, Problem, measured_states
 from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -97,6 +97,21 @@ def test_rates_are_read_in_their_own_unit():
     np.testing.assert_allclose(known[:, 0], run.x[windows.first, 0])
     np.testing.assert_allclose(known[:, 1], run.x[windows.first, 1], atol=0.2 * np.ptp(run.x[:, 1]))
     assert np.isnan(measured_states(simulator, u, run.y, windows, ())[:, 1]).all()
+
+
+@pytest.mark.parametrize("length", [5, 12, 40])
+@pytest.mark.parametrize("slope", [LINE, PARABOLA])
+def test_rates_are_slopes_of_polynomials_through_what_was_measured(record, length, slope):
+    u, y = record[0], record[1].copy()
+    y[::7], y[400:420] = np.nan, np.nan
+    windows = cut([(slice(0, len(y)), 0)], length, 2)
+    known = measured_states(make_axis(), u, y, windows, RATES, slope)
+    degree, n = slope
+    for (a, b), rate in zip(zip(windows.first, windows.last, strict=True), known[:, 1], strict=True):
+        t = np.arange(a, min(a + n, b))
+        t = t[np.isfinite(y[t, 0])]
+        wanted = np.polyfit((t - a) * DT, y[t, 0], degree)[-2] if t.size > degree + 1 else np.nan
+        np.testing.assert_allclose(rate, wanted, rtol=1e-7, atol=1e-9)
 
 
 def test_a_stop_is_tried_wherever_it_is_met_for_a_hundredth_of_the_time():

@@ -198,16 +198,21 @@ def measured_states(
     degree, n = slope
     known = simulator.known_states(u, y, windows.first)
     given = np.isfinite(known)
-    for velocity, position, factor in rates:
-        if given[:, velocity].any() or not given[:, position].any():
-            continue
-        for w, (a, b) in enumerate(zip(windows.first, windows.last, strict=True)):
-            samples = np.arange(a, min(a + n, b))
-            measured = simulator.known_states(u, y, samples)[:, position]
-            good = np.isfinite(measured)
-            if good.sum() > degree + 1:
-                t = (samples[good] - a) * simulator.dt
-                known[w, velocity] = np.polyfit(t, measured[good], degree)[-2] / factor
+    wanted = [r for r in rates if given[:, r[1]].any() and not given[:, r[0]].any()]
+    if not wanted:
+        return known
+    samples = windows.first[:, None] + np.arange(n)
+    inside = samples < windows.last[:, None]
+    along = simulator.known_states(u, y, np.where(inside, samples, windows.first[:, None]).ravel())
+    powers = np.vander(np.arange(n) / n, degree + 1, increasing=True)
+    for velocity, position, factor in wanted:
+        measured = along[:, position].reshape(samples.shape)
+        seen = inside & np.isfinite(measured)
+        enough = np.flatnonzero(seen.sum(axis=1) > degree + 1)
+        weighted = seen[enough, :, None] * powers
+        right = np.einsum("wti,wt->wi", weighted, np.where(seen, measured, 0.0)[enough])
+        fitted = np.linalg.solve(np.swapaxes(weighted, 1, 2) @ weighted, right[:, :, None])
+        known[enough, velocity] = fitted[:, 1, 0] / (n * simulator.dt * factor)
     return known
 
 
