@@ -162,7 +162,8 @@ def parameters_moved(problem: Problem, fit: Fit, refitted: Fit, random_state=Non
     Where the refitted ones leave far less, the ratio of likelihoods decides: tangents tell little from afar.
     """
     if fit.cost > FAR * refitted.cost:
-        return float(chi2.sf(problem.n_seen * np.log(fit.cost / refitted.cost), refitted.model.p.size))
+        times_less = np.log(fit.cost) - np.log(max(refitted.cost, 1e-300))  # an exact fit leaves nothing
+        return float(chi2.sf(problem.n_seen * times_less, refitted.model.p.size))
     columns, residual = fit.jacobian, fit.residual
     flat = columns.reshape(-1, columns.shape[2])
     gram = flat.T @ flat
