@@ -161,6 +161,14 @@ class TestGivingWay:
 
         assert [force(x, 2.0) for x in (STOP - 0.01, STOP + 0.01, STOP - 10.1)] == [0.0, -2.0, -2.0]
 
+    def test_between_two_bodies_the_ratio_in_which_it_pushes_back_comes_last(self):
+        between = PlacedEffect(
+            HARD.effect, Port("state", 3), (-1.0, 0.0, 1.0, 0.0), (), 1, (300.0, 0.2, 0.05, 0.7)
+        )
+        damped = damped_beyond(between).placed
+        assert (damped.onward, damped.onward_theta) == (1, (0.7,))
+        np.testing.assert_allclose(damped.own_theta, [0.0, -0.15, 0.25])
+
     @pytest.mark.parametrize(
         ("code", "port"),
         [

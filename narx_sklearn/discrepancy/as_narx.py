@@ -64,7 +64,7 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
         signal = ("u" if one_input else f"u{index + 1}") if kind == "input" else None
         if signal is None:
             signal = "y" if one_output else f"y{(index if kind == 'output' else 0) + 1}"
-        for phi in placed.effect.phi(np.array(placed.theta), signal, simulator.dt):
+        for phi in placed.effect.phi(placed.own_theta, signal, simulator.dt):
             found.setdefault(str(phi.name), phi)
     return tuple(found.values())
 

@@ -137,7 +137,7 @@ def where_in_words(placed: PlacedEffect, argument: np.ndarray, added: np.ndarray
     """
     if placed.effect.acts_in is None or not argument.size:
         return ""
-    spans = placed.effect.acts_in(np.array(placed.theta[: len(placed.effect.parameters)]))
+    spans = placed.effect.acts_in(placed.own_theta)
     outside = ~np.any([(begins <= argument) & (argument <= ends) for begins, ends in spans], axis=0)
     if np.abs(added[outside]).max(initial=0.0) > NOTHING * np.abs(added).max():
         return ""

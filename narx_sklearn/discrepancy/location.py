@@ -228,7 +228,7 @@ def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataF
     feature = str(simulator.signals_at(kind)[at])
     if acts_in is None or feature not in table:
         return None
-    theta = np.array(placed.theta[: len(placed.effect.parameters)])
+    theta = placed.own_theta
     spans = np.array(acts_in(theta))
     ends = np.isfinite(spans)
     slopes = slopes_of_ends(acts_in, theta)[:, ends]

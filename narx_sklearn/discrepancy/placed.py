@@ -182,6 +182,16 @@ class PlacedEffect:
         return len(self.effect.parameters) + (self.onward >= 0)
 
     @property
+    def own_theta(self) -> np.ndarray:
+        """Parameters of the effect itself, without the share or ratio in which it goes on."""
+        return np.array(self.theta[: len(self.effect.parameters)])
+
+    @property
+    def onward_theta(self) -> tuple[float, ...]:
+        """The share or ratio in which it goes on; empty for none."""
+        return self.theta[len(self.effect.parameters) :]
+
+    @property
     def n_values(self) -> int:
         """Number of parameters that are fitted, but for where its memory begins and how it is built."""
         besides = {self.effect.begin, self.effect.form} - {None}

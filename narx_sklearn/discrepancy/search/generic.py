@@ -181,9 +181,8 @@ def with_free_power(placed: PlacedEffect, power: Power, size: float) -> PlacedEf
     """Return the law of an effect that goes as a power, with that power free, for an argument of a size."""
     effect, theta = placed.effect, np.array(placed.theta)
     strength = effect.force(size, 0.0, 0.0, 0.0, 0.0, 1.0, np.zeros(1), theta, np.zeros(1))
-    onward = placed.theta[len(effect.parameters) :]
     freed = replace(placed, effect=power_effect(power, size), limits=())
-    return freed.at((strength, power.exponent, size, *onward))
+    return freed.at((strength, power.exponent, size, *placed.onward_theta))
 
 
 def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
@@ -194,15 +193,13 @@ def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
     """
     if placed.effect.acts_in is None or placed.port.kind != "state":
         return None
-    spans = placed.effect.acts_in(np.array(placed.theta))
+    spans = placed.effect.acts_in(placed.own_theta)
     if len(spans) != 2 or np.isfinite([spans[0][0], spans[1][1]]).any():
         return None
     gap = spans[0][1], spans[1][0]
     fixed = [EffectParameter(name, "{arg}", at, at) for name, at in zip(("from", "to"), gap, strict=True)]
     law = _law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "{port} s/({arg})")
-    begun = replace(placed, effect=law, limits=()).at(
-        (0.0, *gap, *placed.theta[len(placed.effect.parameters) :])
-    )
+    begun = replace(placed, effect=law, limits=()).at((0.0, *gap, *placed.onward_theta))
     start = np.array(begun.theta)
     start[0] = 1.0
     return Hypothesis(begun, start[None], tuned=np.zeros(1, dtype=bool), tried=np.zeros(1))
@@ -338,7 +335,7 @@ def _without_input(placed: PlacedEffect) -> PlacedEffect:
     n, n_of_input = len(MONOMIALS), len(OF_INPUT)
     sizes = placed.theta[n + n_of_input :][:2]
     effect = _law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
-    rest = placed.theta[len(placed.effect.parameters) :]
+    rest = placed.onward_theta
     alone = replace(placed, effect=effect, second=(), second_name="", second_unit="", limits=())
     return alone.at((*placed.theta[:n], *sizes, *ANYWHERE, *rest))
 

@@ -399,7 +399,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
             seconds[i] = placed.second
-        theta[i, : len(effect.parameters)] = placed.theta[: len(effect.parameters)]
+        theta[i, : len(effect.parameters)] = placed.own_theta
         if placed.onward >= 0:
             theta[i, SPILL] = placed.theta[-1]
     flags = jumps, after, sticks, inertial
