@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.search.lookalikes import look_alikes
 from narx_sklearn.discrepancy.search.valleys import (
@@ -97,6 +97,18 @@ class TestBesideBacklash:
         place = valve.effects[0].place
         starts = {place: np.array([[0.1, 0.3, 1.0, 0.0], [0.1, 0.7, 1.0, 0.0]])}
         assert look_alikes(problem, play, [valve], 0.0, starts) == [play, valve][: 1 + stays]
+
+    def test_it_stays_where_it_is_likelier_with_a_jump_of_no_ordinary_size(self):
+        problem, model = problem_of(stiction(0.15, 0.14, 0.0), 0.01)
+        play, valve = (
+            Candidate(fit(problem, model._replace(effects=(effect,))), problem.n_seen)
+            for effect in (
+                PlacedEffect(CATALOGUE["backlash"], Port("input", 0), theta=(1.0, 0.075, 0.0, 0.0)),
+                stiction(0.15, 0.14, 0.0),
+            )
+        )
+        assert 0 < play.criterion - valve.criterion < HARDLY
+        assert look_alikes(problem, play, [valve], 0.0, {}) == [play, valve]
 
 
 class TestSpreadRound:

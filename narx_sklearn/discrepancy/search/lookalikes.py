@@ -204,9 +204,9 @@ def look_alikes(
     worse than a form may be wrong by; what is the same law under another name stays however its form fits.
     Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, nor by
     a shape that the data do not feel, unless that takes off its price.
-    One that holds the best as a special case and came to the same run stays if it fits as well with an
-    ordinary shape, far from that special case, unless only the best is at home: a ripple that came to one
-    wave a turn is a weight.
+    One that holds the best as a special case and came to the same run stays if it is likelier nevertheless,
+    or fits as well with an ordinary shape, far from that special case, unless only the best is at home: a
+    ripple that came to one wave a turn is a weight.
 
     Parameters
     ----------
@@ -231,11 +231,13 @@ def look_alikes(
         apart = float(np.sum((other.fit.residual - noise) ** 2))
         is_as_good = extra <= 0 and worse <= next_to_nothing
         if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
-            cost = _least_cost(
-                problem, other, declared, starts.get(declared.always().place, np.empty((0, 0)))
-            )
+            ordinary = starts.get(declared.always().place, np.empty((0, 0)))
             is_stranger = at_home(best) and not at_home(other)
-            stays = not is_stranger and cost - best.fit.cost <= max(HARDLY * unit, tolerated)
+            stays = not is_stranger and (
+                behind < 0
+                or _least_cost(problem, other, declared, ordinary) - best.fit.cost
+                <= max(HARDLY * unit, tolerated)
+            )
         elif (
             behind <= HARDLY + unpaid(best, other)
             or is_as_good
