@@ -142,6 +142,7 @@ class TestOffsetThatDidNotStay:
             p_missing=0.0,
             steps=(),
             followed_for=np.inf,
+            forgets=True,
             stretches=None,
         )
         return found.as_drift

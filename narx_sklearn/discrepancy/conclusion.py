@@ -222,7 +222,8 @@ def _held_against(
     """Hold a diagnosis against held-out samples, and take back what they refute.
 
     What makes them worse is not used, and is no explanation, unless it drifts, or acted when the fit ended:
-    nobody can foresee its course, or when it ends. What makes only whole runs worse is not used.
+    nobody can foresee its course, or when it ends. What makes only whole runs worse is not used; of a machine
+    that adds up small errors it may be an explanation nevertheless.
     """
     simulator, best = diagnosis.problem.simulator, diagnosis.best
     found = simulator
@@ -294,13 +295,13 @@ def _harms(found: Conclusion, held: HeldOut) -> bool:
     """Tell whether what was tried is worse on held-out samples, or leaves all range.
 
     Surely worse, or no better where it should be by far. What explains nothing must not make a whole run
-    worse either.
+    worse either, nor what acts in a machine that forgets: there small errors do not add up.
     """
     if not found.scores.empty:
         errors = found.scores["nrmse"]
         if np.isfinite(errors["refitted"]) and not np.isfinite(errors["augmented"]):
             return True
-        if found.verdict == "unknown" and found.is_worse:
+        if found.is_worse and (found.verdict == "unknown" or found.diagnosis.forgets):
             return True
     best = found.diagnosis.best
     # what the uncertainty of its parameters costs on other samples is no harm

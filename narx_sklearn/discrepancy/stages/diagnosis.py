@@ -60,6 +60,7 @@ class Diagnosis:
     p_missing: float
     steps: tuple[Step, ...]
     followed_for: float  # samples for which a run follows the machine; infinite where nothing grows
+    forgets: bool  # whether the machine forgets with which states it began
     stretches: Stretches  # of time, in which the mismatch is
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
@@ -200,6 +201,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         p_missing=p_missing,
         steps=tuple(steps),
         followed_for=followed_for(simulator, pace),
+        forgets=pace.forgets,
         stretches=stretches,
         twin_misses_more=twin_misses_more,
         against_noise=found.against_noise,
