@@ -99,6 +99,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Held-out free run of the nominal, refitted and augmented simulation: ``nrmse`` (over the spread of
         what was held out), ``rmse``, ``removed`` (share of the refitted error taken away), with intervals.
         The augmented one has all that was found; what is held against it there the corrected one leaves out.
+        Empty where the record is too short for such a run.
     held_out_ : DataFrame
         Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle
         the initial state), ``stop``. Short ones where the machine is unstable: a free run loses it.
