@@ -7,7 +7,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states, guess_states, states_along
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.settings import Settings
@@ -86,6 +86,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
         begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
         if not (pace.forgets or pace.growth):
             begun = _lengthened_most(begun, pieces, min(n_samples, LONGEST), shortest)
+    begun = begun._replace(refitted=_no_worse_than_given(begun.problem, begun.refitted))
     _check_finite(begun.problem, begun.refitted, finer)
     return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
 
@@ -229,6 +230,12 @@ def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
     more = left**2 - noise**2  # than short windows leave, which is mostly noise
     follows = np.all(more < (FOLLOWS * np.nanstd(problem.y, axis=0)) ** 2)
     return _Fitted(longer, refitted, windows.length, length) if follows else begun
+
+
+def _no_worse_than_given(problem: Problem, refitted: Fit) -> Fit:
+    """Return a fit, or one from the simulator's nominal parameters where these alone leave less."""
+    nominal = fit_states(problem, refitted.model._replace(p=problem.simulator.nominal))
+    return fit(problem, nominal.model) if nominal.cost < refitted.cost else refitted
 
 
 def states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:

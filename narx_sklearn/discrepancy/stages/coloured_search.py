@@ -13,7 +13,15 @@ from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, make_b
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
-from narx_sklearn.discrepancy.search.explain import FINE, Step, once_each, refit_leaders, refit_pairs, search
+from narx_sklearn.discrepancy.search.explain import (
+    FINE,
+    Step,
+    once_each,
+    refit_leaders,
+    refit_pairs,
+    search,
+    without,
+)
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import leaders, with_pushes
@@ -22,6 +30,7 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
+LOST = 0.9  # of the cost of a refit, below which one from where an effect led found a better valley
 FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
@@ -52,7 +61,11 @@ class Searched(NamedTuple):
 
 
 def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
-    """Estimate the colour of the noise, and search for what is missing under it."""
+    """Estimate the colour of the noise, and search for what is missing under it.
+
+    Where the best effect but led the simulator's own parameters to a better valley, all begins anew from
+    there: what a refit leaves that lost its way is nothing that is missing.
+    """
     settings.tell("colour of the noise")
     hypotheses = hypotheses_of(problem, refitted, structure, settings)
     bank = make_bank(problem, refitted, hypotheses, settings.n_jobs)
@@ -60,6 +73,10 @@ def coloured_search(problem: Problem, refitted: Fit, structure: Structure, setti
     bank = bank.without_columns()
     faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
     known = [] if faint else _leading(problem, refitted, bank, structure, settings)
+    if known:
+        led = without(problem, known[0], list(known[0].effects)).fit
+        if led.cost < LOST * refitted.cost:
+            return coloured_search(problem, led, structure, settings)
     if known and settings.max_effects > 1:
         known += refit_pairs(problem, refitted, bank, known, settings.n_leaders, settings.n_jobs)
         known.sort(key=lambda c: c.criterion)
