@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from small_machines import LOAD, axis_problem, friction
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.fitting.refit import fit_states
+from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
+from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stages import beginning
 from narx_sklearn.discrepancy.stages.beginning import begin
+from narx_sklearn.discrepancy.stages.coloured_search import _led_farther
 
 N, N_SESSIONS = 480, 3
 NEXT_TO_NOTHING = 1e-9  # 1/s^2, of a spring that is not there
@@ -67,6 +70,19 @@ def test_a_refit_leaves_no_more_than_the_parameters_that_were_given(record, monk
 def test_a_refit_that_leaves_less_stays_as_it_is(record):
     found = begun(record)
     assert beginning._no_worse_than_given(found.problem, found.refitted) is found.refitted
+
+
+def test_an_explanation_that_but_led_to_a_better_valley_is_told_from_one_that_explains(record, monkeypatch):
+    without_a_way_back(monkeypatch)
+    problem, lost = begun(record)[:2]
+    nominal = lost.model._replace(p=problem.simulator.nominal, effects=(LOAD,))
+    led = _led_farther(problem, lost, Candidate(fit(problem, nominal), problem.n_seen))
+    assert led.cost < 0.1 * lost.cost
+    problem, start = axis_problem([friction(0.3)])
+    refitted = fit(problem, start)
+    rubs = Candidate(fit(problem, refitted.model._replace(effects=(friction(0.1),))), problem.n_seen)
+    assert rubs.fit.cost < 0.5 * refitted.cost
+    assert _led_farther(problem, refitted, rubs) is None
 
 
 def test_where_an_effect_led_the_parameters_to_a_better_valley_nothing_is_missing(record, monkeypatch):

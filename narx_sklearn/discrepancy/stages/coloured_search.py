@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import (
@@ -30,7 +30,9 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
-LOST = 0.9  # of the cost of a refit, below which one from where an effect led found a better valley
+LOST = (
+    0.5  # share of what an explanation takes off, beyond which a refit that takes it off too was lost before
+)
 FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
@@ -63,7 +65,7 @@ class Searched(NamedTuple):
 def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
     """Estimate the colour of the noise, and search for what is missing under it.
 
-    Where the best effect but led the simulator's own parameters to a better valley, all begins anew from
+    Where the best explanation but led the simulator's own parameters to a better valley, all begins anew from
     there: what a refit leaves that lost its way is nothing that is missing.
     """
     settings.tell("colour of the noise")
@@ -73,10 +75,8 @@ def coloured_search(problem: Problem, refitted: Fit, structure: Structure, setti
     bank = bank.without_columns()
     faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
     known = [] if faint else _leading(problem, refitted, bank, structure, settings)
-    if known:
-        led = without(problem, known[0], list(known[0].effects)).fit
-        if led.cost < LOST * refitted.cost:
-            return coloured_search(problem, led, structure, settings)
+    if known and (led := _led_farther(problem, refitted, known[0])) is not None:
+        return coloured_search(problem, led, structure, settings)
     if known and settings.max_effects > 1:
         known += refit_pairs(problem, refitted, bank, known, settings.n_leaders, settings.n_jobs)
         known.sort(key=lambda c: c.criterion)
@@ -89,12 +89,23 @@ def coloured_search(problem: Problem, refitted: Fit, structure: Structure, setti
     refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     settings.tell("search for missing physics")
     found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, dominated, known))
+    if found.pool and found.p_value <= settings.alpha:
+        led = _led_farther(problem, refitted, found.pool[0])
+        if led is not None:
+            return coloured_search(problem, led, structure, settings)
     for _ in range(LOOKS):
         again = _under_clearer_noise(found, structure, settings)
         if again is None:
             break
         found = again
     return found
+
+
+def _led_farther(problem: Problem, refitted: Fit, best: Candidate) -> Fit | None:
+    """Return the refit from where an explanation led, if that takes off most of what the explanation does."""
+    led = without(problem, best, list(best.effects)).fit
+    least = max(LOST * (refitted.cost - best.fit.cost), HARDLY * refitted.cost / problem.n_seen)
+    return led if refitted.cost - led.cost > least else None
 
 
 def _without_structure(problem: Problem, bank: Bank) -> np.ndarray:
