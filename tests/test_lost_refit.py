@@ -1,5 +1,7 @@
 """Refits that lose their way among many valleys: what they leave is nothing that is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_machines import LOAD, axis_problem, friction
@@ -8,11 +10,13 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
-from narx_sklearn.discrepancy.stages import beginning
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.stages import beginning, coloured_search
 from narx_sklearn.discrepancy.stages.beginning import begin
-from narx_sklearn.discrepancy.stages.coloured_search import _led_farther
+from narx_sklearn.physics.effects import CATALOGUE
 
 N, N_SESSIONS = 480, 3
+SETTINGS = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
 NEXT_TO_NOTHING = 1e-9  # 1/s^2, of a spring that is not there
 TRUE = {"k0": 0.0, "damping": 0.8, "k1": 12.3, "d1": 0.95, "k2": 12.5, "d2": 1.16, "gain": 8.0}
 
@@ -50,7 +54,7 @@ def without_a_way_back(monkeypatch):
 def begun(record):
     simulator, u, y = record
     pieces = [(slice(k * N, (k + 1) * N), k * N) for k in range(N_SESSIONS)]
-    return begin(simulator, u, y, pieces, Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None))
+    return begin(simulator, u, y, pieces, SETTINGS)
 
 
 def left_by_nominal(at):
@@ -76,13 +80,13 @@ def test_an_explanation_that_but_led_to_a_better_valley_is_told_from_one_that_ex
     without_a_way_back(monkeypatch)
     problem, lost = begun(record)[:2]
     nominal = lost.model._replace(p=problem.simulator.nominal, effects=(LOAD,))
-    led = _led_farther(problem, lost, Candidate(fit(problem, nominal), problem.n_seen))
+    led = coloured_search._led_farther(problem, lost, Candidate(fit(problem, nominal), problem.n_seen))
     assert led.cost < 0.1 * lost.cost
     problem, start = axis_problem([friction(0.3)])
     refitted = fit(problem, start)
     rubs = Candidate(fit(problem, refitted.model._replace(effects=(friction(0.1),))), problem.n_seen)
     assert rubs.fit.cost < 0.5 * refitted.cost
-    assert _led_farther(problem, refitted, rubs) is None
+    assert coloured_search._led_farther(problem, refitted, rubs) is None
 
 
 def test_where_an_effect_led_the_parameters_to_a_better_valley_nothing_is_missing(record, monkeypatch):
@@ -93,3 +97,21 @@ def test_where_an_effect_led_the_parameters_to_a_better_valley_nothing_is_missin
     dx.fit(u, y, sessions=np.repeat(range(N_SESSIONS), N))
     assert (dx.verdict_, dx.findings_) == ("refit", [])
     assert dx.parameters_["refitted"]["gain"] == pytest.approx(TRUE["gain"], rel=0.01)
+
+
+def test_explanations_lead_a_refit_to_other_valleys_a_few_times_only(monkeypatch):
+    """Noise is estimated anew in each, by which two of them might be the better one in turn."""
+    problem, start = axis_problem([friction(0.3)], n=800)
+    refitted = fit(problem, start)
+    structure = find_structure(problem.simulator, problem.run(refitted.model).x, problem.u)
+    asked = []
+
+    def always(problem, found, best):
+        asked.append(best)
+        return found
+
+    monkeypatch.setattr(coloured_search, "_led_farther", always)
+    settings = replace(SETTINGS, effects=(CATALOGUE["coulomb_friction"],))
+    found = coloured_search.coloured_search(problem, refitted, structure, settings)
+    assert len(asked) == coloured_search.VALLEYS
+    assert found.pool[0].effects[0].effect.code == "coulomb_friction"

@@ -30,9 +30,8 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
-LOST = (
-    0.5  # share of what an explanation takes off, beyond which a refit that takes it off too was lost before
-)
+LOST = 0.5  # share of what an explanation takes off, from which a refit that does so too was lost before
+VALLEYS = 3  # to which explanations may lead a refit, one after another
 FAR = 3.0  # times a nominal value, or a part of it, that nobody is so wrong about
 FAINT = 0.9  # share of the cost left by all tangents together, beyond which no effect leaves half of it
 LOOKS = 2  # under a clearer noise, at most
@@ -62,7 +61,9 @@ class Searched(NamedTuple):
         return list({h.placed.place: h for step in self.steps for h in step.bank.hypotheses}.values())
 
 
-def coloured_search(problem: Problem, refitted: Fit, structure: Structure, settings: Settings) -> Searched:
+def coloured_search(
+    problem: Problem, refitted: Fit, structure: Structure, settings: Settings, *, valleys: int = VALLEYS
+) -> Searched:
     """Estimate the colour of the noise, and search for what is missing under it.
 
     Where the best explanation but led the simulator's own parameters to a better valley, all begins anew from
@@ -75,8 +76,8 @@ def coloured_search(problem: Problem, refitted: Fit, structure: Structure, setti
     bank = bank.without_columns()
     faint = np.sum((residual / problem.noise.sigma) ** 2) > FAINT * refitted.cost
     known = [] if faint else _leading(problem, refitted, bank, structure, settings)
-    if known and (led := _led_farther(problem, refitted, known[0])) is not None:
-        return coloured_search(problem, led, structure, settings)
+    if known and valleys and (led := _led_farther(problem, refitted, known[0])) is not None:
+        return coloured_search(problem, led, structure, settings, valleys=valleys - 1)
     if known and settings.max_effects > 1:
         known += refit_pairs(problem, refitted, bank, known, settings.n_leaders, settings.n_jobs)
         known.sort(key=lambda c: c.criterion)
@@ -89,10 +90,10 @@ def coloured_search(problem: Problem, refitted: Fit, structure: Structure, setti
     refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     settings.tell("search for missing physics")
     found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, dominated, known))
-    if found.pool and found.p_value <= settings.alpha:
+    if valleys and found.pool and found.p_value <= settings.alpha:
         led = _led_farther(problem, refitted, found.pool[0])
         if led is not None:
-            return coloured_search(problem, led, structure, settings)
+            return coloured_search(problem, led, structure, settings, valleys=valleys - 1)
     for _ in range(LOOKS):
         again = _under_clearer_noise(found, structure, settings)
         if again is None:
