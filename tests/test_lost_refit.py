@@ -7,7 +7,8 @@ import pytest
 from small_machines import LOAD, axis_problem, friction
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
@@ -58,7 +59,7 @@ def begun(record):
 
 
 def left_by_nominal(at):
-    return fit_states(at.problem, at.refitted.model._replace(p=at.problem.simulator.nominal)).cost
+    return fit_initial_states(at.problem, at.refitted.model.x0).cost
 
 
 def test_a_refit_leaves_no_more_than_the_parameters_that_were_given(record, monkeypatch):

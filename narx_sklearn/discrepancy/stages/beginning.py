@@ -7,7 +7,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states, guess_states, states_along
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.settings import Settings
@@ -234,7 +234,7 @@ def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
 
 def _no_worse_than_given(problem: Problem, refitted: Fit) -> Fit:
     """Return a fit, or one from the simulator's nominal parameters where these alone leave less."""
-    nominal = fit_states(problem, refitted.model._replace(p=problem.simulator.nominal))
+    nominal = fit_initial_states(problem, refitted.model.x0)
     return fit(problem, nominal.model) if nominal.cost < refitted.cost else refitted
 
 
