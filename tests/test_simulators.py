@@ -139,6 +139,12 @@ def test_python_fallback_runs_as_compiled():
     np.testing.assert_allclose(y, ODESimulator(tank, **TANK).simulate(u), rtol=1e-12, atol=1e-15)
 
 
+def test_fallback_says_where_a_number_was_not_taken_from_an_array():
+    simulator = ODESimulator(lambda x, u, p: (p[0] * u - p[1] * x[0],), **TANK)
+    with pytest.warns(NarxWarning, match=r"an array; take numbers by place, such as u\[0\] for u"):
+        assert not simulator.compiled
+
+
 def test_fallback_says_its_price_once_and_nothing_of_numba_leaks():
     looked_up = {"a": 1.0}
 
@@ -313,11 +319,18 @@ def test_steady_state_prefers_a_stable_rest_and_says_when_there_is_none():
         (lambda x, u, p: (x[3],), "raised IndexError"),
         (lambda x, u, p: None, "returned None; wanted are 1 numbers"),
         (lambda x, u: (x[0],), "raised TypeError"),
+        (lambda x, u, p: (p["a"] * x[0],), r"by place: x\[0\] is \w+, u\[0\] is \w+, p\[0\] is \w+"),
     ],
 )
 def test_wrong_functions_are_refused_at_once(function, message):
     with pytest.raises(ValueError, match=message):
         ODESimulator(function, **TANK)
+
+
+def test_an_error_names_no_more_than_a_few_of_many_arguments():
+    many = {"dt": 0.1, "parameters": {}, "states": [f"x{i}" for i in range(20)], "inputs": ["u"]}
+    with pytest.raises(ValueError, match=r"x\[7\] is x7, and 12 more in x, u\[0\] is u, p is empty\.$"):
+        ODESimulator(lambda x, u, p: x["x0"], **many)
 
 
 @pytest.mark.parametrize(

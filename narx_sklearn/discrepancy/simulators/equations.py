@@ -1,5 +1,6 @@
 """User's functions as the kernel takes them: ``(x, u, p, written)``, compiled where numba can."""
 
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -19,6 +20,7 @@ from narx_sklearn.exceptions import NarxWarning
 KEPT = 128  # compiled functions remembered
 # What compiled arithmetic answers with inf or NaN raises in Python; the run ends there in the same way.
 UNDEFINED = ("math domain error", "math range error", "expected a ")
+ARRAY_WRITTEN = re.compile(r"setitem\(array\(float64, 1d, \w\), Literal\[int\]\(\d+\), .*array\(")
 
 _compiled: dict[Any, Any] = {}
 
@@ -220,6 +222,8 @@ def _warn_of_price(title: str, reason: str, stacklevel: int) -> None:
 
 def _first_line(error: Exception) -> str:
     """Return the line of a compiler's message that says what it did not like."""
+    if ARRAY_WRITTEN.search(str(error)):
+        return "a value that it returns is an array; take numbers by place, such as u[0] for u"
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     telling = [line for line in lines if not line.startswith(("Failed in", "During", "[", "File", "<"))]
     return (telling or lines or [type(error).__name__])[0]

@@ -137,11 +137,10 @@ class ODESimulator(Simulator):
 
     def _try_out(self) -> None:
         """Call the user's functions once, so that mistakes show here and not in a run."""
-        sizes = len(self.states), len(self.inputs), self.nominal
-        _try(self.function, *sizes, len(self.states), "function", "rates, one for each state")
+        _try(self.function, self, len(self.states), "function", "rates, one for each state")
         if callable(self.output):
             wanted = "values, one for each output"
-            _try(self.output, *sizes, len(self.outputs), "output", wanted, with_rates=self.sees_rates)
+            _try(self.output, self, len(self.outputs), "output", wanted, with_rates=self.sees_rates)
 
     def _find_switches(self) -> Switches:
         p = np.where(self.nominal == 0, np.clip(1.0, *self.bounds.T), self.nominal)
@@ -333,15 +332,14 @@ def read_parameter(label: str, given) -> Parameter:
     return Parameter(name, unit, value, lower, upper)
 
 
-def _try(
-    function, n_states: int, n_inputs: int, p, n: int, name: str, wanted: str, with_rates: bool = False
-) -> None:
+def _try(function, simulator: ODESimulator, n: int, name: str, wanted: str, with_rates: bool = False) -> None:
     """Call a function with ones, or with zeros where it does not like ones, and check what it returns."""
     name += "(x, u, p, rates)" if with_rates else "(x, u, p)"
+    n_states, n_inputs = len(simulator.states), len(simulator.inputs)
 
     def called(value):
         rates = [np.full(n_states, value)] if with_rates else []
-        return function(np.full(n_states, value), np.full(n_inputs, value), p.copy(), *rates)
+        return function(np.full(n_states, value), np.full(n_inputs, value), simulator.nominal, *rates)
 
     try:
         result = called(1.0)
@@ -350,8 +348,8 @@ def _try(
             result = called(0.0)
         except Exception:
             raise ValueError(
-                f"{name} raised {type(error).__name__}: {error}, called with {n_states} states, "
-                f"{n_inputs} inputs and {p.size} parameters, all states and inputs 1 (and again with 0)."
+                f"{name} raised {type(error).__name__}: {error}, called with all states and inputs 1 (and "
+                f"again with 0). Its arguments are arrays, to be taken by place: {_by_place(simulator)}."
             ) from error
     if isinstance(result, tuple | list):
         result = np.concatenate([np.empty(0), *(np.asarray(value).reshape(-1) for value in result)])
@@ -360,3 +358,14 @@ def _try(
         raise ValueError(f"{name} returned {result!r}; wanted are {n} numbers.")
     if values.size != n:
         raise ValueError(f"{name} returned {values.size} values; wanted are {n} {wanted}.")
+
+
+def _by_place(simulator: ODESimulator) -> str:
+    """Return what stands where in the arguments of a simulator's functions, as text."""
+    told = []
+    for letter, kind in zip("xup", ("states", "inputs", "parameters"), strict=True):
+        names = [one.name for one in getattr(simulator, kind)]
+        told += [f"{letter}[{i}] is {name}" for i, name in enumerate(names[:SHOWN])]
+        told += [f"and {len(names) - SHOWN} more in {letter}"] * (len(names) > SHOWN)
+        told += [f"{letter} is empty"] * (not names)
+    return ", ".join(told)
