@@ -58,7 +58,7 @@ class TestChanceOfNoise:
         assert chance_of_noise(30.0, 1, 1, 2) == pytest.approx(np.exp(-15.0), rel=1e-9)
 
     THREE = (
-        PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(0.1, 1.0, 0.0, 0.0)),
+        PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(0.1, 1.0, 0.0, 0.0, 0.0)),
         PlacedEffect(CATALOGUE["quadratic_drag"], Port("state", 1), (0.0, 1.0), theta=(0.1,)),
         PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(0.1,)),
     )

@@ -311,7 +311,7 @@ def test_a_name_refuted_by_its_power_gives_way_to_one_that_does_as_well():
     """A spring that is hit beyond a gap looks like a cube; the power that it has then is the gap's doing."""
     gap = PlacedEffect(CATALOGUE["clearance"], Port("state", 1), (1.0, 0.0), theta=(60.0, 0.5, 0.0))
     cube = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(10.0,))
-    cog = PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(1.0, 2.0, 0.0, 0.0))
+    cog = PlacedEffect(CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(1.0, 2.0, 0.0, 0.0, 0.0))
     problem, start = axis_problem()
     fits = {e.effect.code: fit(problem, start._replace(effects=(e,)), iterations=1) for e in (gap, cube, cog)}
     best, clearance, cogging = (

@@ -327,7 +327,7 @@ class TestLookAlikes:
         about = {"argument_unit": unit, "argument_name": "angle"}
         weight = replace(turning, **about)
         ripple = PlacedEffect(
-            CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(-0.3, 1.0, 0.2, 0.0), **about
+            CATALOGUE["cogging"], Port("state", 1), (1.0, 0.0), theta=(-0.3, 1.0, 0.2, 0.0, 0.0), **about
         )
         weight, ripple = (
             Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)

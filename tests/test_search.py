@@ -220,7 +220,7 @@ class TestLimits:
         assert placed["cogging"].bounds[1] == pytest.approx([slowest, np.inf], rel=0.01)
         assert placed["creep"].bounds[1] == pytest.approx([0.0, time], rel=0.01)
         assert placed["periodic_disturbance"].bounds[1] == pytest.approx([6 * np.pi / time, np.inf], rel=0.01)
-        ripple = placed["cogging"].at([0.5, 0.2 * slowest, 0.5, 0.0])
+        ripple = placed["cogging"].at([0.5, 0.2 * slowest, 0.5, 0.0, 0.0])
         fitted = Candidate(fit(problem, start._replace(effects=(ripple,)), iterations=3), problem.n_seen)
         assert fitted.effects[0].theta[1] >= placed["cogging"].bounds[1, 0]
         assert ripple.domain[1].tolist() == [0.0, np.inf]

@@ -41,18 +41,18 @@ def _turn(setting: Setting) -> float:
 
 
 @kernel
-def _ripple(angle, N, p, r):
-    first = np.sin(N * angle + p)
-    return first if r == 0.0 else first + r * np.sin(2.0 * N * angle + p)
+def _ripple(angle, N, p, r, q):
+    first, second = np.sin(N * angle + p), 2.0 * N * angle + p
+    return first if r == 0.0 and q == 0.0 else first + r * np.sin(second) + q * np.cos(second)
 
 
 @kernel
 def _cogging(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * _ripple(argument, theta[1], theta[2], theta[3])
+    return theta[0] * _ripple(argument, theta[1], theta[2], theta[3], theta[4])
 
 
-def _ripple_of_level(level, N, p, r):
-    return np.sin(N * level + p) + r * np.sin(2.0 * N * level + p)
+def _ripple_of_level(level, N, p, r, q):
+    return np.sin(N * level + p) + r * np.sin(2.0 * N * level + p) + q * np.cos(2.0 * N * level + p)
 
 
 def _cogging_starts(setting: Setting) -> np.ndarray:
@@ -63,7 +63,7 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
     low, high = quantiles(setting.argument, MOSTLY)
     turn = _turn(setting)
     if not high > low:
-        return np.empty((0, 4))
+        return np.empty((0, 5))
     whole = turn > TURN
     # a fifth of the width of a line apart, so that none is missed
     fine = np.arange(1.0, 101.0) if whole else TURN / turn * np.arange(1.0, 40.0, 0.2)
@@ -71,7 +71,7 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
     coarse = np.unique(np.maximum(np.round(coarse), 1.0)) if whole else coarse
     return scaled(
         setting,
-        grid([1.0], np.union1d(coarse, lines_in_angle(setting, fine, 3)), [0.0, QUARTER], [0.0]),
+        grid([1.0], np.union1d(coarse, lines_in_angle(setting, fine, 3)), [0.0, QUARTER], [0.0], [0.0]),
         lambda row: _ripple_of_level(setting.argument, *row[1:]),
     )
 
@@ -80,7 +80,7 @@ def _cogging_limits(setting: Setting) -> np.ndarray:
     """At least one period where the motion mostly is, or one a turn."""
     low, high = quantiles(setting.argument, MOSTLY)
     slowest = TURN / (high - low) if high > low else 0.0
-    return at_least(4, 1, min(slowest, 1.0) if _turn(setting) > TURN else slowest)
+    return at_least(5, 1, min(slowest, 1.0) if _turn(setting) > TURN else slowest)
 
 
 @kernel
@@ -153,7 +153,7 @@ def _coupling_starts(setting: Setting) -> np.ndarray:
 
 
 def _gravity_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return of_level("weight", _ripple_of_level, (1.0, theta[1], 0.0), argument)
+    return of_level("weight", _ripple_of_level, (1.0, theta[1], 0.0, 0.0), argument)
 
 
 def _cogging_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -189,12 +189,13 @@ LOADS = (
         code="cogging",
         title="Cogging",
         sentence="The torque ripples with the angle, at any speed.",
-        equation="a (sin(N x + p) + r sin(2 N x + p))",
+        equation="a (sin(N x + p) + r sin(2 N x + p) + q cos(2 N x + p))",
         parameters=(
             EffectParameter("a", "{port}"),
             EffectParameter("N", "1/({arg})", 0.0),
             EffectParameter("p", "rad", -TURN, TURN),
             EffectParameter("r", "-", -1.0, 1.0),
+            EffectParameter("q", "-", -1.0, 1.0),
         ),
         starts=_cogging_starts,
         limits=_cogging_limits,
