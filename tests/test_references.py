@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.inference import intervals, lost_together
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.naming import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.stages.plain import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.physics.effects import CATALOGUE
 
 N = 2000

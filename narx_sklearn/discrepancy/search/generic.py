@@ -1,13 +1,14 @@
 """A force of unknown shape: what physics outside the catalogue would look like.
 
 A broken line through a few knots competes with the named effects at every port; in state equations a power
-does; wherever something moves, a polynomial in position and rate does, and one in which an input's gain
-depends on them. When one explains clearly more than any of the names, something is missing that has none,
-and its curve is already drawn.
+does, and a product of two states; wherever something moves, a polynomial in position and rate does, and one
+in which an input's gain depends on them. When one explains clearly more than any of the names, something is
+missing that has none, and its curve is already drawn.
 """
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations, permutations
 
 import numpy as np
 from numba import njit
@@ -29,9 +30,10 @@ from narx_sklearn.physics.effects._series import time_since
 KNOTS = 7  # of a broken line
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
 LINE, PULSE = "unnamed_line", "unnamed_pulse"
+PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
-UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, ODD_POWER, EVEN_POWER)
+UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, PRODUCT, WITH_SQUARE, ODD_POWER, EVEN_POWER)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     DAMPED: "a damping that the catalogue does not hold",
@@ -39,6 +41,8 @@ TITLES = {
     DRIVEN: "a law of position, rate and input that the catalogue does not hold",
     LINE: "a parameter that changed",
     PULSE: "a parameter that pulsates",
+    PRODUCT: "a product of two signals that the catalogue does not hold",
+    WITH_SQUARE: "a product with a square that the catalogue does not hold",
     ODD_POWER: "a power that the catalogue does not hold",
     EVEN_POWER: "a power that the catalogue does not hold",
 }
@@ -51,6 +55,9 @@ SENTENCES = {
     LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
     PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
     "parameter pulsated. When it does is known for this recording only.",
+    PRODUCT: "What acts here grows in proportion to two signals at once, as where the one carries the other.",
+    WITH_SQUARE: "What acts here grows with one signal and with the square of another, as what a turn throws "
+    "outwards.",
     ODD_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
     EVEN_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
 }
@@ -58,6 +65,7 @@ ENDS = ("x from", "{arg}"), ("x to", "{arg}"), ("v from", "{arg}/s"), ("v to", "
 ANYWHERE = (-1e30, 1e30, -1e30, 1e30)  # while it is fitted
 POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
 HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
+POINTS = EffectParameter("r", "{arg}"), EffectParameter("c", "{second}")  # from which a product is counted
 MONOMIALS = {"x2": "x^2", "xv": "x v", "v2": "v^2", "x3": "x^3", "x2v": "x^2 v", "xv2": "x v^2", "v3": "v^3"}
 OF_INPUT = {"ux": "u x", "ux2": "u x^2", "uv": "u v", "uv2": "u v^2"}
 TERMS = {SURFACE: MONOMIALS, DRIVEN: MONOMIALS | OF_INPUT}  # of a polynomial, by the names of coefficients
@@ -121,6 +129,16 @@ def _proportional(argument, rate, own, second, time, step, z, theta, dz):
 
 def _gained(signal, second, dt, theta, first):
     return signal * (1.0 + theta[0])
+
+
+@njit(nogil=True, cache=True)
+def _product(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * (argument - theta[1]) * (second - theta[2])
+
+
+@njit(nogil=True, cache=True)
+def _product_with_square(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * (argument - theta[1]) * (second - theta[2]) ** 2
 
 
 @njit(nogil=True, cache=True)
@@ -230,6 +248,46 @@ def pulse_hypotheses(simulator: Simulator, structure: Structure, frequencies: tu
         _unnamed(PULSE, equation, ["a", "b"], frequency, _pulsating, port, argument, unit)
         for port, argument, unit in _proportions(simulator, structure)
     ]
+
+
+def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[Hypothesis]:
+    """Return a force in proportion to two states, or one of them squared, for each state equation and pair.
+
+    What moves along with a flow is of the first kind, what is thrown outwards of the second. Working points
+    begin at the means of a run's states ``x`` (n, n_states); what stands still there is in no pair, and what
+    a position and its own rate do is a matter of the polynomials.
+    """
+    n_inputs, n_states = len(simulator.inputs), len(simulator.states)
+    moving = np.flatnonzero(np.ptp(x, axis=0) > 0).tolist()
+    if simulator.discrete:
+        moving = [j for j in moving if not structure.kinematic[j]]
+    pairs = [(_product_law(), pair) for pair in combinations(moving, 2)]
+    pairs += [(_law_with_square(), pair) for pair in permutations(moving, 2)]
+    found = []
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for law, (one, other) in pairs:
+            if {one, other} == {i, structure.partner[i]}:
+                continue
+            argument = Argument(weights_of(n_states, {one: 1.0}), *simulator.states[one])
+            name, unit = simulator.states[other]
+            weights = weights_of(n_inputs + n_states, {n_inputs + other: 1.0})
+            placed = placed_at(law, Port("state", i), argument)
+            placed = replace(placed, second=weights, second_name=name, second_unit=unit)
+            start = np.array([1.0, x[:, one].mean(), x[:, other].mean()])
+            begun = placed.at((0.0, *start[1:]))
+            found.append(Hypothesis(begun, start[None], tuned=np.zeros(1, bool), tried=np.zeros(1)))
+    return found
+
+
+def _product_law() -> Effect:
+    law = _law(PRODUCT, "k (x - r) (w - c)", ["k"], POINTS, _product, "{port}/({arg} {second})")
+    return replace(law, amplitude=0, references=(1, 2))
+
+
+def _law_with_square() -> Effect:
+    unit = "{port}/({arg} ({second})^2)"
+    law = _law(WITH_SQUARE, "k (x - r) (w - c)^2", ["k"], POINTS, _product_with_square, unit)
+    return replace(law, amplitude=0, references=(1, 2))
 
 
 def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, str]]:

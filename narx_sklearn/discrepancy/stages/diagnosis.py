@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.simulators.windows import followed_for
 from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_deviation, states_at
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
-from narx_sklearn.discrepancy.stages.naming import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.stages.plain import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.discrepancy.stages.refuted import may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches

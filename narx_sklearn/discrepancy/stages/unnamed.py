@@ -1,4 +1,4 @@
-"""What has no name: the best curve, power or wave, and whether it explains what is missing."""
+"""What has no name: the best curve, power, product or wave, and whether it explains what is missing."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -24,6 +24,7 @@ from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.powers import best_power
+from narx_sklearn.discrepancy.stages.products import best_product
 from narx_sklearn.discrepancy.stages.remainder import look_at_remainder, look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
@@ -41,9 +42,9 @@ def best_unnamed(
 ) -> Candidate | None:
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
-    So are forces that go as a power, but one that an effect has which is ``known``. Beside what acts for a
-    while, curves are tried that do too, and a change of the simulator's own parameters meanwhile; and what
-    pulsates at the frequencies of some ``waves``, Hz.
+    So are forces that go as a power, but one that an effect has which is ``known``, or as a product. Beside
+    what acts for a while, curves are tried that do too, and a change of the simulator's own parameters
+    meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -58,8 +59,9 @@ def best_unnamed(
     beside = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
-    laws = [*(simplified(problem, curve) for curve in found[:1]), *([power] if power is not None else [])]
-    return min(laws, key=lambda c: c.criterion, default=None)
+    product = best_product(problem, refitted, beside, structure, settings.n_jobs)
+    laws = [*(simplified(problem, curve) for curve in found[:1]), power, product]
+    return min((law for law in laws if law is not None), key=lambda c: c.criterion, default=None)
 
 
 def simplified(problem: Problem, candidate: Candidate) -> Candidate:

@@ -1,0 +1,34 @@
+"""Forces that go as a product of two states: which of them tells most of what is missing."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit
+from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.explain import refit_leaders
+from narx_sklearn.discrepancy.search.generic import product_hypotheses
+from narx_sklearn.discrepancy.search.ranking import gains, scaled
+from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.plain import counted_from_zero
+
+TRIED = 3  # products of which the tangents tell most, that are fitted
+
+
+def best_product(
+    problem: Problem, refitted: Fit, beside: Fit, structure: Structure, n_jobs: int | None = None
+) -> Candidate | None:
+    """Return the single force that goes best as a product of two states; None where there are no two.
+
+    It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
+    """
+    x = problem.run(refitted.model).x[problem.rows[problem.inside]]
+    hypotheses = product_hypotheses(problem.simulator, structure, x)
+    if not hypotheses:
+        return None
+    bank = make_bank(problem, refitted, hypotheses, n_jobs)
+    gain, strength = gains(bank)
+    most = [j for j in np.argsort(-gain, kind="stable")[:TRIED] if gain[j] > 0]
+    placed = [scaled(bank, j, strength[j]) for j in most]
+    found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
+    return counted_from_zero(problem, found[0]) if found else None

@@ -1,0 +1,109 @@
+"""Forces that go as a product of two states: tried in every pair, told where none of the names does it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, product_hypotheses
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+
+DT = 0.5
+CARRIED = 0.4  # of the heat, 1/s per m/s of flow
+SIZES = st.floats(-10.0, 10.0)
+
+
+def loop(x, u, p):
+    """Flow that a pump sets, and a temperature that a heater does."""
+    return p[0] * (u[0] - x[0]), p[1] * u[1] - p[2] * x[1]
+
+
+def simulator(gain=1.0):
+    return ODESimulator(
+        loop,
+        dt=DT,
+        parameters={"pump [1/s]": 0.5 * gain, "heater [K/s/kW]": 0.3, "loss [1/s]": 0.05 / gain},
+        states=["flow [m/s]", "temperature [K]"],
+        inputs=["pump [m/s]", "heater [kW]"],
+        output=[0, 1],
+    )
+
+
+def driven(rng, n=1500):
+    return np.column_stack([np.repeat(rng.uniform(low, high, n // 25), 25) for low, high in [(0, 1), (2, 9)]])
+
+
+def recorded(rng, carried=0.0, boosted=0.0, finer=20):
+    """Step the machine by Euler's method, far finer than it is measured."""
+    u = driven(rng)
+    x, y = np.array([0.5, 40.0]), np.empty((len(u), 2))
+    for k, (pump, heater) in enumerate(u):
+        y[k] = x
+        for _ in range(finer):
+            heat = 0.3 * heater - 0.05 * x[1] - carried * x[0] * x[1] - boosted * heater * x[1]
+            x = x + DT / finer * np.array([0.5 * (pump - x[0]), heat])
+    return u, y + rng.normal(size=y.shape) * 0.01 * y.std(axis=0)
+
+
+def hypotheses(simulated, u):
+    run = simulated.simulate(u)
+    return product_hypotheses(simulated, find_structure(simulated, run, u), run)
+
+
+def test_every_pair_is_tried_in_every_equation_from_the_means_of_the_run():
+    simulated, u = simulator(), driven(np.random.default_rng(0))
+    x = simulated.simulate(u)
+    found = hypotheses(simulated, u)
+    assert [(str(h.placed.port), h.placed.effect.code) for h in found] == [
+        (port, code) for port in ("state:0", "state:1") for code in (PRODUCT, WITH_SQUARE, WITH_SQUARE)
+    ]
+    for product, square, other in (found[:3], found[3:]):
+        assert (product.placed.weights, product.placed.second) == ((1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        assert (square.placed.weights, square.placed.second) == ((1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        assert (other.placed.weights, other.placed.second) == ((0.0, 1.0), (0.0, 0.0, 1.0, 0.0))
+        np.testing.assert_allclose(product.starts, [[1.0, *x.mean(axis=0)]])
+        np.testing.assert_allclose(other.starts, [[1.0, *x.mean(axis=0)[::-1]]])
+
+
+@given(x=SIZES, w=SIZES, k=SIZES, r=SIZES, c=SIZES)
+def test_the_forces_are_the_products(x, w, k, r, c):
+    product, square, _ = hypotheses(simulator(), driven(np.random.default_rng(0), 100))[:3]
+
+    def force(hypothesis):
+        theta, nothing = np.array([k, r, c]), np.zeros(1)
+        return hypothesis.placed.effect.force(x, 0.0, 0.0, w, 0.0, 0.01, nothing, theta, nothing)
+
+    assert force(product) == pytest.approx(k * (x - r) * (w - c))
+    assert force(square) == pytest.approx(k * (x - r) * (w - c) ** 2)
+
+
+def test_what_does_not_move_is_in_no_pair():
+    u = driven(np.random.default_rng(0))
+    u[:, 0] = 0.0
+    assert hypotheses(simulator(), u) == []
+
+
+@pytest.fixture(scope="module")
+def diagnosed():
+    u, y = recorded(np.random.default_rng(1), carried=CARRIED)
+    return DiscrepancyRegressor(simulator(1.15), random_state=0).fit(u, y)
+
+
+def test_what_carries_something_else_is_told_as_a_product(diagnosed):
+    (finding,) = diagnosed.findings_
+    assert (diagnosed.verdict_, finding.effect, finding.port) == ("unknown", "unknown", "state:1")
+    assert "k (x - r) (w - c), x = flow [m/s], w = temperature [K]" in diagnosed.report_
+    assert finding.parameters["k"] == pytest.approx(-CARRIED, rel=0.1)
+
+
+def test_its_model_holds_on_what_was_held_out(diagnosed):
+    left = diagnosed.scores_["nrmse"]
+    assert left["augmented"] < 0.5 * left["refitted"]
+
+
+def test_an_input_that_acts_by_the_state_keeps_its_name():
+    u, y = recorded(np.random.default_rng(2), boosted=0.002)
+    found = DiscrepancyRegressor(simulator(1.15), random_state=0).fit(u, y)
+    assert found.verdict_ in ("explained", "ambiguous")
+    assert found.findings_[0].effect == "bilinear_input"
