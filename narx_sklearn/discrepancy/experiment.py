@@ -17,6 +17,7 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.records.record import read_inputs
 from narx_sklearn.discrepancy.search.candidate import HARDLY
+from narx_sklearn.discrepancy.search.lookalikes import REFINES
 from narx_sklearn.discrepancy.settings import read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.simulators.windows import cut, find_pace, followed_for
@@ -75,11 +76,13 @@ def design_experiment(
     """Return the input that best separates rival simulators.
 
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
-    refitted to the other's output (to first order), over the noise. What holds its rival as a special case
-    can do all that this one does, so there only the other way counts, and the truth may be anywhere between
-    the special case and what was passed. The design wins that tells most pairs apart, each counted with its
-    chance. Among designs that are as good it is the one that tells most of all parameters (the determinant of
-    their information is largest), for the truth may be none of the rivals.
+    refitted to the other's output (to first order), over the noise. Forms are idealised, so of two
+    neither of which holds the other it must also be more than next to nothing of what the effects do that not
+    all rivals share. What holds its rival as a
+    special case can do all that this one does, so there only the other way counts, and the truth may be
+    anywhere between the special case and what was passed. The design wins that tells most pairs apart, each
+    counted with its chance. Among designs that are as good it is the one that tells most of all parameters
+    (the determinant of their information is largest), for the truth may be none of the rivals.
 
     Parameters
     ----------
@@ -123,17 +126,26 @@ def design_experiment(
         f"{a} / {b}" for a, b in combinations(simulators, 2) if ((a, b) in nested) != ((b, a) in nested)
     }
 
-    def tried(kind: str, u: np.ndarray) -> dict[str, Any]:
-        distances, told = {}, 0.0
+    shared = set.intersection(*({e.place for e in some.effects} for some in simulators.values()))
+
+    def tried(kind: str, u: np.ndarray) -> tuple[dict[str, Any], float]:
+        distances, wanted, told = {}, {}, 0.0
+        done = {
+            name: _distance(simulator, _with_only(simulator, shared), u, starts[name], noise).noises ** 2
+            for name, simulator in simulators.items()
+        }
         for a, b in combinations(simulators, 2):
             ways = [
-                _distance(simulators[truth], simulators[rival], u, starts[truth], noise)
+                (_distance(simulators[truth], simulators[rival], u, starts[truth], noise), done[truth])
                 for truth, rival in ((a, b), (b, a))
                 if (rival, truth) not in nested or (truth, rival) in nested
             ]
-            distances[f"{a} / {b}"] = min(way.noises for way in ways)
-            told += sum(way.information for way in ways)
-        chances = _chances(distances, of_a_share)
+            nearest, does = min(ways, key=lambda way: way[0].noises)
+            pair = f"{a} / {b}"
+            distances[pair] = nearest.noises
+            wanted[pair] = HARDLY if pair in of_a_share else max(HARDLY, REFINES * does)
+            told += sum(way.information for way, _ in ways)
+        chances = _chances(distances, wanted, of_a_share)
         facts = {
             "design": kind,
             "separation": min(distances.values()),
@@ -141,15 +153,18 @@ def design_experiment(
             "expected": round(sum(chances), AS_GOOD),
             "information": told,
         }
-        return facts | distances
+        return facts | distances, min(d**2 / wanted[pair] for pair, d in distances.items())
 
     designs = make_designs(some, starts[next(iter(simulators))], base, limits, random_state)
-    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(tried)(*design) for design in designs)
+    outcomes = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(tried)(*design) for design in designs)
+    found, reached = zip(*outcomes, strict=True)
     table = pd.DataFrame(found)
     pairs = tuple(table.columns[5:])
     if np.isneginf(table["information"]).all() and not table[list(pairs)].to_numpy().any():
         raise ValueError(_lost_in(n_samples))
-    chosen = max(table.index, key=lambda k: (table["expected"][k], table["information"][k]))
+    # where no design is likely to tell a pair apart, the one that comes nearest to it
+    goodness = table["information"] if table["expected"].any() else reached
+    chosen = max(table.index, key=lambda k: (table["expected"][k], goodness[k]))
     (_, u), facts = designs[chosen], found[chosen]
     table = table.sort_values("separation", ascending=False, ignore_index=True)
     return Experiment(u, facts["design"], float(facts["separation"]), facts["chance"], table, pairs)
@@ -171,23 +186,30 @@ def middle_of(u: np.ndarray) -> np.ndarray:
     return np.where(np.abs(middle) <= NEAR_ZERO * (highest - lowest) / 2, 0.0, middle)
 
 
-def chance(separation):
+def chance(separation, wanted=HARDLY):
     """Return the chance that the wrong one of two rivals at a distance d, or at each of many, is excluded.
 
-    The criterion's difference is normal about d^2 with a deviation of 2 d, and must exceed ``HARDLY``.
+    The criterion's difference is normal about d^2 with a deviation of 2 d, and must exceed what is wanted.
     """
     separation = np.asarray(separation, dtype=float)
     with np.errstate(divide="ignore"):
-        return norm.cdf(separation / 2.0 - HARDLY / (2.0 * separation))
+        return norm.cdf(separation / 2.0 - wanted / (2.0 * separation))
 
 
-def _chances(distances: dict[str, float], of_a_share: Collection[str]) -> list[float]:
+def _chances(
+    distances: dict[str, float], wanted: dict[str, float], of_a_share: Collection[str]
+) -> list[float]:
     """Return the chance of each pair to be told apart; of some their distance is the farthest that may be."""
     shares = (np.arange(SHARES) + 0.5) / SHARES
     return [
-        float(np.mean([chance(d * share) for share in shares])) if pair in of_a_share else float(chance(d))
+        float(np.mean(chance(d * (shares if pair in of_a_share else 1.0), wanted[pair])))
         for pair, d in distances.items()
     ]
+
+
+def _with_only(simulator: Simulator, places: Collection[tuple]) -> Simulator:
+    """Return a simulator with those of its effects that are at some places."""
+    return simulator.with_effects([effect for effect in simulator.effects if effect.place in places])
 
 
 class Distance(NamedTuple):
