@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.kernels import FORCE
 from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics import play
 from narx_sklearn.physics.effects import (
@@ -182,7 +183,11 @@ class TestEntries:
         assert effect.memoryless == (effect.n_memory == 0)
         assert (effect.phi is not None) or effect.narx_terms
         for parameter in effect.parameters:
-            parameter.unit.format(port="m/s^2", arg="m/s", second="V")
+            units = {"port": "m/s^2", "arg": "m/s", "second": "V/A"}
+            in_brackets = {name: f"({unit})" for name, unit in units.items()}
+            if "^n" not in parameter.unit:  # no whole power: it is told as it came
+                told, meant = (tidy_unit(parameter.unit.format(**u)) for u in (units, in_brackets))
+                assert told == meant
             assert parameter.lower < parameter.upper
             assert parameter.name in effect.equation
 

@@ -9,7 +9,10 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses, reference_limits
 from narx_sklearn.discrepancy.search.inference import intervals, lost_together
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.plain import counted_from_zero, with_positive_amplitudes
 from narx_sklearn.physics.effects import CATALOGUE
@@ -112,3 +115,47 @@ def test_of_a_slow_drift_only_the_slope_is_told(sagging):
     dx.fit(u, y + 0.05 * y.std() * np.random.default_rng(3).normal(size=y.shape))
     assert dx.findings_[0].together == ("a", "T")
     assert "Of a and T only what they do together is told." in dx.report_
+
+
+def warmed(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+def heater(gain=1.0):
+    return ODESimulator(
+        warmed,
+        dt=1.0,
+        parameters={"gain [K/s/%]": 0.05 * gain, "loss [1/s]": 0.04},
+        states=["temperature [K]"],
+        inputs=["power [%]"],
+    )
+
+
+class TestCountedFromNearby:
+    """A gain that drifts, counted from far beyond all inputs, would be a drift under another name."""
+
+    def test_it_is_counted_from_zero_or_from_near_the_range_of_its_signal(self):
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(30.0, 55.0, 40), 25)[:, None]
+        simulator = heater()
+        run = simulator.run(u, Windows.whole([slice(0, 1000)]), np.array([[50.0]]))
+        problem = Problem(simulator, u, run.y, Windows.whole([slice(0, 1000)]), Noise.white(np.array([0.1])))
+        structure = find_structure(simulator, run.x, u)
+        model = Model(simulator.nominal, (), np.array([[50.0]]))
+        asked = [CATALOGUE["gain_drift"], CATALOGUE["bilinear_input"]]
+        placed = [h.placed for h in enumerate_hypotheses(asked, problem, model, run, structure)]
+        (at_input,) = [p for p in placed if p.effect.code == "gain_drift" and p.port.kind == "input"]
+        np.testing.assert_allclose(at_input.bounds[2], reference_limits(u))
+        (product,) = [p for p in placed if p.effect.code == "bilinear_input"]
+        np.testing.assert_allclose(product.bounds[1:], [reference_limits(run.x), reference_limits(u)])
+
+    @pytest.mark.parametrize("seed", [0, 1])
+    def test_a_drift_of_the_sensor_is_told_as_one(self, seed):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(30.0, 55.0, 60), 25)[:, None]
+        y = heater().simulate(u, [50.0]) + 2.0 * (1 - np.exp(-np.arange(1500) / 900.0))[:, None]
+        y += 0.15 * rng.standard_normal(y.shape)
+        found = DiscrepancyRegressor(
+            heater(1.2), effects=["gain_drift", "additive_drift", "constant_load"], random_state=0
+        ).fit(u, y)
+        assert found.findings_[0].effect == "additive_drift"

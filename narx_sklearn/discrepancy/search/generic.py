@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.search.hypotheses import (
     arguments,
     beside_inputs,
     placed_at,
+    reference_limits,
     weights_of,
 )
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
@@ -216,7 +217,7 @@ def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
         return None
     gap = spans[0][1], spans[1][0]
     fixed = [EffectParameter(name, "{arg}", at, at) for name, at in zip(("from", "to"), gap, strict=True)]
-    law = _law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "{port} s/({arg})")
+    law = _law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "({port}) s/({arg})")
     begun = replace(placed, effect=law, limits=()).at((0.0, *gap, *placed.onward_theta))
     start = np.array(begun.theta)
     start[0] = 1.0
@@ -273,19 +274,20 @@ def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
             weights = weights_of(n_inputs + n_states, {n_inputs + other: 1.0})
             placed = placed_at(law, Port("state", i), argument)
             placed = replace(placed, second=weights, second_name=name, second_unit=unit)
+            limits = (-np.inf, np.inf), reference_limits(x[:, one]), reference_limits(x[:, other])
             start = np.array([1.0, x[:, one].mean(), x[:, other].mean()])
-            begun = placed.at((0.0, *start[1:]))
+            begun = replace(placed, limits=limits).at((0.0, *start[1:]))
             found.append(Hypothesis(begun, start[None], tuned=np.zeros(1, bool), tried=np.zeros(1)))
     return found
 
 
 def _product_law() -> Effect:
-    law = _law(PRODUCT, "k (x - r) (w - c)", ["k"], POINTS, _product, "{port}/({arg} {second})")
+    law = _law(PRODUCT, "k (x - r) (w - c)", ["k"], POINTS, _product, "{port}/(({arg}) ({second}))")
     return replace(law, amplitude=0, references=(1, 2))
 
 
 def _law_with_square() -> Effect:
-    unit = "{port}/({arg} ({second})^2)"
+    unit = "{port}/(({arg}) ({second})^2)"
     law = _law(WITH_SQUARE, "k (x - r) (w - c)^2", ["k"], POINTS, _product_with_square, unit)
     return replace(law, amplitude=0, references=(1, 2))
 

@@ -58,8 +58,13 @@ def enumerate_hypotheses(
 def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothesis | None:
     """Return the hypothesis that an effect acts at a place; None where nothing there lets it start."""
     effect = placed.effect
+    limits = np.tile([-np.inf, np.inf], (len(effect.parameters), 1))
     if effect.limits is not None:
-        limits = np.asarray(effect.limits(setting), dtype=float)
+        limits = np.array(effect.limits(setting), dtype=float)
+    for k in effect.references:
+        of_second = setting.second if "{second}" in effect.parameters[k].unit else None
+        limits[k] = reference_limits(setting.argument if of_second is None else of_second)
+    if np.isfinite(limits).any():
         placed = replace(placed, limits=tuple((low, high) for low, high in limits.tolist()))
     starts = _starts(effect, setting, placed)
     scanned, n_tried = _scan(effect, setting, placed)
@@ -79,6 +84,26 @@ def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothes
         np.append(np.zeros(len(starts)), np.full(len(scanned), n_tried)),
         asked,
     )
+
+
+def reference_limits(signal: np.ndarray) -> tuple[float, float]:
+    """Return between what a signal is counted from in a law: zero, or no farther from it than it moves.
+
+    Counted from far away it hardly changes, and what else the law depends on would act alone, under the name
+    of both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.search.hypotheses import reference_limits
+    >>> reference_limits(np.array([30.0, 55.0])), reference_limits(np.array([-1.0, np.nan, 1.0]))
+    ((-25.0, 80.0), (-3.0, 3.0))
+    """
+    finite = signal[np.isfinite(signal)]
+    if not finite.size:
+        return -np.inf, np.inf
+    low, high = float(finite.min()), float(finite.max())
+    return min(low, 0.0) - (high - low), max(high, 0.0) + (high - low)
 
 
 def _starts(effect: Effect, setting: Setting, placed: PlacedEffect) -> np.ndarray:

@@ -204,9 +204,9 @@ def look_alikes(
     worse than a form may be wrong by; what is the same law under another name stays however its form fits.
     Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, nor by
     a shape that the data do not feel, unless that takes off its price.
-    One that holds the best as a special case and came to the same run stays if it is likelier nevertheless,
-    or fits as well with an ordinary shape, far from that special case, unless only the best is at home: a
-    ripple that came to one wave a turn is a weight.
+    One that holds the best as a special case and came to the same run stays if it is likelier nevertheless
+    by more than its further parameters take off noise, or fits as well with an ordinary shape, far from that
+    special case, unless only the best is at home: a ripple that came to one wave a turn is a weight.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def look_alikes(
             ordinary = starts.get(declared.always().place, np.empty((0, 0)))
             is_stranger = at_home(best) and not at_home(other)
             stays = not is_stranger and (
-                behind < 0
+                (behind < 0 and -worse > max(extra, 1) * unit)
                 or _least_cost(problem, other, declared, ordinary) - best.fit.cost
                 <= max(HARDLY * unit, tolerated)
             )

@@ -182,7 +182,7 @@ DRIFT = (
         equation="s + a (w - reference) (s - r) at an input; a (w - reference) (x - r) in a state equation, "
         "with w the measured signal",
         parameters=(
-            EffectParameter("a", "{port}/({arg} {second})"),
+            EffectParameter("a", "{port}/(({arg}) ({second}))"),
             EffectParameter("reference", "{second}"),
             EffectParameter("r", "{arg}"),
         ),

@@ -237,7 +237,7 @@ FRICTION = (
         "rho = 1, tau = 0 is Dahl's",
         parameters=(
             EffectParameter("Fc", "{port}", 0.0),
-            EffectParameter("d", "{arg} s", 1e-15),
+            EffectParameter("d", "({arg}) s", 1e-15),
             EffectParameter("rho", "-", 1.0, 10.0),
             EffectParameter("vs", "{arg}", 1e-12),
             EffectParameter("tau", "s", 0.0),

@@ -264,7 +264,7 @@ LOADS = (
         sentence="How strongly the input acts depends on the state.",
         equation="b (u - c) (x - r)",
         parameters=(
-            EffectParameter("b", "{port}/({arg} {second})"),
+            EffectParameter("b", "{port}/(({arg}) ({second}))"),
             EffectParameter("r", "{arg}"),
             EffectParameter("c", "{second}"),
         ),
