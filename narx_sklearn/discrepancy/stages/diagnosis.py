@@ -21,7 +21,11 @@ from narx_sklearn.discrepancy.simulators.windows import followed_for
 from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_deviation, states_at
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
-from narx_sklearn.discrepancy.stages.plain import counted_from_zero, with_positive_amplitudes
+from narx_sklearn.discrepancy.stages.plain import (
+    counted_from_zero,
+    with_limits_that_pay,
+    with_positive_amplitudes,
+)
 from narx_sklearn.discrepancy.stages.refuted import may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
@@ -180,7 +184,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         nothing = "refit" if p_moved <= settings.alpha else "consistent"
         found = Judgement(nothing, Candidate(refitted, problem.n_seen), (), None)
     plain = with_positive_amplitudes(problem, counted_from_zero(problem, found.best))
-    found = found._replace(best=plain)
+    found = found._replace(best=with_limits_that_pay(problem, plain))
     twin_misses_more = _twin_misses_more(problem, refitted, found.best)
     if twin_misses_more:
         found = found._replace(verdict="unknown")

@@ -1,4 +1,6 @@
-"""A set of effects in plain numbers: counted from zero where that does as well, amplitudes positive."""
+"""A set of effects in plain numbers: counted from zero, amplitudes positive, each limit worth its level."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,4 +46,38 @@ def _with_zeros(problem: Problem, candidate: Candidate, places: set[tuple[int, i
         effect.with_zeros([k for j, k in places if j == i]) for i, effect in enumerate(candidate.effects)
     )
     model = candidate.fit.model._replace(effects=effects)
+    return converged(problem, Candidate(fit(problem, model), candidate.n_samples))
+
+
+def with_limits_that_pay(problem: Problem, best: Candidate) -> Candidate:
+    """Return a set whose saturations and clips have a second limit only where it pays for its level.
+
+    A level is chosen among all samples, and where some were met once, noise makes them seem to stand at it.
+    """
+    for i, placed in enumerate(best.effects):
+        if not placed.effect.levels or placed.port.kind == "state":
+            continue
+        signals = problem.u if placed.port.kind == "input" else problem.y
+        signal = signals[problem.rows[problem.inside], placed.port.index]
+        lowest, highest = np.nanmin(signal), np.nanmax(signal)
+        low, high = placed.effect.levels
+        if placed.theta[low] <= lowest or placed.theta[high] >= highest:
+            continue  # one of them is out of reach already
+        reach = 2 * (highest - lowest)
+        away = ((low, lowest - reach), (high, highest + reach))
+        others = [_with_value(problem, best, i, k, value) for k, value in away]
+        other = min(others, key=lambda c: c.fit.cost)
+        unit = best.fit.cost / best.n_samples
+        if other.fit.cost - best.fit.cost < 2 * np.log(best.n_samples) * unit:
+            best = other
+    return best
+
+
+def _with_value(problem: Problem, candidate: Candidate, i: int, k: int, value: float) -> Candidate:
+    """Return a set fitted again from where a parameter of one of its effects has a value."""
+    effects = list(candidate.effects)
+    theta, limits = np.array(effects[i].theta), effects[i].bounds
+    theta[k], limits[k] = value, (min(limits[k, 0], value), max(limits[k, 1], value))
+    effects[i] = replace(effects[i], limits=tuple(map(tuple, limits.tolist()))).at(theta)
+    model = candidate.fit.model._replace(effects=tuple(effects))
     return converged(problem, Candidate(fit(problem, model), candidate.n_samples))
