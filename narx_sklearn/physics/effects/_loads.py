@@ -203,6 +203,7 @@ LOADS = (
         argument="position",
         argument_units=("rad", "m", "mm", "um"),
         phase=2,
+        form=4,
         lookalikes=("periodic_disturbance", "gravity"),
         holds=("constant_load", "gravity", "cubic_stiffness", "quadratic_stiffness"),
         separate_by="turning at two speeds",
