@@ -25,6 +25,8 @@ from narx_sklearn.discrepancy.locate import (
     tangent,
 )
 from narx_sklearn.discrepancy.locate import _kalman as kernels
+from narx_sklearn.discrepancy.locate._covered import cover
+from narx_sklearn.discrepancy.locate._likelihood import TINY_NOISE, no_force
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 
@@ -130,21 +132,23 @@ def random_model(rng, n, n_states, n_outputs):
     g, C = rng.normal(size=(n, n_states)), rng.normal(size=(n, n_outputs, n_states))
     d = rng.normal(size=(n, n_outputs))
     seam = rng.choice([0, 0, 0, 0, 1, 3, -1], size=n).astype(np.int64)
-    return A, g, C, d, seam, rng.uniform(0.5, 0.99), 0.7, rng.uniform(0.1, 0.9), rng.uniform(0.5, 2, n_states)
+    phi, rho = rng.uniform(0.5, 0.99), rng.uniform(0.1, 0.9, n_outputs)
+    return A, g, C, d, seam, phi, 0.7, rho, rng.uniform(0.5, 2, n_states)
 
 
 def dense(model, r):
     """Return mean-free covariances: of all outputs, of all forces, and between forces and outputs."""
     A, g, C, d, seam, phi, w_var, rho, start = model
     n, n_states, n_outputs = A.shape[0], A.shape[1], C.shape[1]
-    size = n_states + 1 + (n_outputs if rho > 0 else 0)
+    coloured = bool((rho > 0).any())
+    size = n_states + 1 + (n_outputs if coloured else 0)
     first = np.diag(np.concatenate([start, [w_var], np.ones(size - n_states - 1)]))
     joint = np.zeros((n * size, n * size))
     joint[:size, :size] = first
     for k in range(n - 1):
         F, length = np.zeros((size, size)), max(int(seam[k]), 1)
         if seam[k] >= 0:
-            F[n_states:, n_states:] = np.diag([phi**length, *[rho**length] * (size - n_states - 1)])
+            F[n_states:, n_states:] = np.diag([phi**length, *(rho[: size - n_states - 1] ** length)])
         if seam[k] == 0:
             F[:n_states, :n_states], F[:n_states, n_states] = A[k], g[k]
         stationary = np.diag(first) * (1 - np.diag(F) ** 2)
@@ -158,7 +162,7 @@ def dense(model, r):
         for o in range(n_outputs):
             row = H[k * n_outputs + o, k * size : (k + 1) * size]
             row[:n_states], row[n_states] = C[k, o], d[k, o]
-            if rho > 0:
+            if coloured:
                 row[n_states + 1 + o] = 1.0
     forces = np.arange(n) * size + n_states
     states = (np.arange(n)[:, None] * size + np.arange(n_states)).ravel()
@@ -167,13 +171,14 @@ def dense(model, r):
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize(
-    ("n_states", "n_outputs", "white"), [(1, 1, True), (2, 1, False), (2, 2, False), (3, 2, True)]
+    ("n_states", "n_outputs", "white"),
+    [(1, 1, [0]), (2, 1, []), (2, 2, []), (3, 2, [0, 1]), (2, 2, [0]), (1, 3, [2])],
 )
 def test_filter_and_smoother_agree_with_dense_gaussian_conditioning(n_states, n_outputs, white, compiled):
     rng = np.random.default_rng(n_states + 10 * n_outputs)
     n, r = 14, 0.3
     model = random_model(rng, n, n_states, n_outputs)
-    model = (*model[:7], 0.0 if white else model[7], model[8])
+    model[7][white] = 0.0
     b = rng.normal(size=(n, n_outputs, 1))
     b[3, 0] = np.nan
     size = kernels.state_size(n_states, n_outputs, model[7])
@@ -243,11 +248,92 @@ def test_background_finds_the_colour_and_size_of_the_noise():
     n, rng = 4000, np.random.default_rng(3)
     noise = lfilter([np.sqrt(1 - 0.8**2)], [1, -0.8], rng.normal(size=n))[:, None]
     found = background(still(n), 0.5 * noise, Windows.whole([slice(0, n)]))
-    assert found.rho == pytest.approx(0.8, abs=0.05)
+    assert found.rho == pytest.approx([0.8], abs=0.05)
     assert found.sigma[0] == pytest.approx(0.5, rel=0.1)
     white = found.innovations[1:, 0]
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.05
     assert white.std() == pytest.approx(1.0, abs=0.05)
+
+
+def dense_log_likelihood(covered, rho):
+    """Return the log likelihood of noise alone by one covariance matrix, its variance concentrated out."""
+    n, n_outputs = covered.b.shape[:2]
+    n_states, edges = covered.A.shape[1], [0, *(np.flatnonzero(covered.seam) + 1)]
+    initial = np.zeros((n, n_outputs, (len(edges) - 1) * n_states))
+    for i, (first, last) in enumerate(pairwise(edges)):
+        travelled = np.eye(n_states)
+        for k in range(first, last):
+            initial[k, :, i * n_states : (i + 1) * n_states] = covered.C[k] @ travelled
+            travelled = covered.A[k] @ travelled
+    apart = np.abs(np.subtract.outer(covered.samples, covered.samples))
+    K = np.zeros((n, n_outputs, n, n_outputs))
+    for output in range(n_outputs):
+        K[:, output, :, output] = rho[output] ** apart + TINY_NOISE * np.eye(n)
+    K = K.reshape(n * n_outputs, -1)
+    initial = initial.reshape(n * n_outputs, -1)
+    K += initial @ np.diag(np.tile(covered.start, len(edges) - 1)) @ initial.T
+    seen = np.isfinite(covered.b.ravel())
+    data, K = covered.b.ravel()[seen], K[np.ix_(seen, seen)]
+    squares, degrees = data @ np.linalg.solve(K, data), seen.sum() - covered.n_free
+    return -0.5 * (degrees + np.linalg.slogdet(K)[1] + degrees * np.log(squares / degrees))
+
+
+@pytest.mark.parametrize("rho", [(0.3, 0.95), (0.0, 0.8)])
+def test_each_output_has_the_colour_of_one_covariance_matrix(rho):
+    n, rng, rho = 90, np.random.default_rng(1), np.array(rho)
+    A, _, C, _, _ = random_model(rng, n, 2, 2)[:5]
+    linear = Tangent(A=A, B=np.zeros((n, 2, 0)), G=A, C=C, D=np.zeros((n, 2, 0)))
+    residual = rng.normal(size=(n, 2))
+    residual[rng.random((n, 2)) < 0.1] = np.nan
+    covered = cover(linear, residual, windows_of(n, 30), np.ones(2))
+    ours = no_force(covered, rho).samples.sum()
+    assert ours == pytest.approx(dense_log_likelihood(covered, rho), rel=1e-6)
+
+
+def decoupled(n, load, seed):
+    """Return two leaky integrators, one output each, and residuals: of white noise, and of a hidden load."""
+    rng = np.random.default_rng(seed)
+    A, none = np.tile(np.diag([0.8, 0.9]), (n, 1, 1)), np.zeros((n, 2, 0))
+    one = np.tile(np.eye(2), (n, 1, 1))
+    hidden = lfilter([0, 1], [1, -0.9], lfilter([1], [1, -0.97], load * rng.normal(size=n)))
+    noise = rng.normal(size=(n, 2)) * [0.3, 0.05]
+    residual = noise + np.column_stack([np.zeros(n), hidden])
+    return Tangent(A=A, B=none, G=one, C=one, D=none), residual, Windows.whole([slice(0, n)])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_force_is_not_found_at_another_output_whose_noise_is_white(seed):
+    # with one colour for both outputs it was: a force there took up the white noise
+    record = decoupled(800, 0.05, seed)
+    noise = background(*record)
+    assert noise.rho[0] < 0.1
+    assert noise.rho[1] > 0.9
+    ports = [Port(kind, i) for kind in ("state", "output") for i in (0, 1)]
+    gains = {str(port): latent_force(*record, port, against=noise).gain for port in ports}
+    assert max(gains, key=gains.get) in ("state:1", "output:1")
+    assert gains["state:0"] < 6
+    assert gains["output:0"] < 6
+
+
+def test_outputs_alike_share_one_colour():
+    n, rng = 3000, np.random.default_rng(6)
+    noise = lfilter([1], [1, -0.8], rng.normal(size=(n, 2)), axis=0)
+    one, none = np.ones((n, 1, 1)), np.zeros((n, 1, 0))
+    both = Tangent(A=0.9 * one, B=none, G=one, C=np.ones((n, 2, 1)), D=np.zeros((n, 2, 0)))
+    found = background(both, noise, Windows.whole([slice(0, n)]))
+    assert found.rho == pytest.approx([0.8, 0.8], abs=0.05)
+    assert np.ptp(found.rho) == 0.0
+
+
+def test_with_one_output_the_force_is_as_it_was_with_a_colour_common_to_all():
+    n, rng = 1000, np.random.default_rng(7)
+    hidden = np.sin(np.arange(n) / 50)
+    noise = lfilter([1], [1, -0.7], 0.1 * rng.normal(size=n))
+    residual = (lfilter([0, 1], [1, -0.9], hidden) + noise)[:, None]
+    force = latent_force(still(n), residual, Windows.whole([slice(0, n)]), Port("state", 0))
+    # as computed before each output had its own
+    assert force.gain == pytest.approx(384.5405535707605, rel=1e-6)
+    assert force.rho == pytest.approx([0.23876486713451786], rel=1e-6)
 
 
 def test_intervals_of_the_force_cover_it():
@@ -308,6 +394,19 @@ def test_hidden_cubic_stiffness_is_found_at_the_velocity_equation(simulator, col
     assert table["tied"].tolist() == [True, False, False, False]
     assert table.loc[0, "unit"] == "m/s^2"
     assert table.loc[0, "share"] > 0.98
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hidden_stiffness_is_found_beside_an_output_whose_noise_is_loud_and_white(seed):
+    # with one colour for both outputs it was found at the loud one
+    n, both = 3000, {"outputs": SIGNALS["states"]}
+    u, windows = drive(n), windows_of(n)
+    y = ODESimulator(with_cube, dt=DT, parameters={}, substeps=4, **SIGNALS, **both).simulate(u)
+    simulator = ODESimulator(stage, dt=DT, parameters=NOMINAL, **SIGNALS, **both)
+    run = simulator.run(u, windows, y[windows.first])
+    noise = np.random.default_rng(seed).normal(size=(n, 2)) * [0.1, 0.02]
+    _, forces = latent_forces(simulator, run, u, y + noise, windows)
+    assert port_table(forces, simulator, windows).loc[0, ["kind", "index"]].tolist() == ["state", 1]
 
 
 def test_a_dead_zone_is_found_at_the_input(simulator):

@@ -127,7 +127,7 @@ def test_the_likelihood_is_that_of_one_covariance_matrix(rng, entry):
     entrance = Entrance.of(linear, beside.covered, entry, beside.against.sigma)
 
     def both(w_var, memory):
-        course = Course(entry, memory, Likeliest(w_var, 0.0, 0.0))
+        course = Course(entry, memory, Likeliest(w_var, np.zeros(1), 0.0))
         dense = dense_deviance(beside, entrance, np.exp(-1.0 / memory), w_var)
         return beside.deviance(course), dense
 

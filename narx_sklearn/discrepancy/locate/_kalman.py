@@ -2,11 +2,12 @@
 
     dx[k+1] = A[k] dx[k] + g[k] w[k]          deviation of the states, free at the start of every window
     w[k+1]  = phi w[k] + noise                the unknown signal at the port, variance w_var
-    v[k+1]  = rho v[k] + noise                coloured noise of each output, variance 1 (left out at rho = 0)
+    v[k+1]  = diag(rho) v[k] + noise          coloured noise of each output, variance 1 (left out at rho = 0)
     b[k]    = C[k] dx[k] + d[k] w[k] + v[k] + white noise of variance r
 
-The state is (dx, w, v). ``seam`` says what follows a sample: 0 the next sample of the window; n > 0 a new
-window, n samples later; -1 a new session.
+The state is (dx, w, v). ``rho`` has shape (n_outputs,); where it is 0 for some outputs alone, their v is new
+at every sample. ``seam`` says what follows a sample: 0 the next sample of the window; n > 0 a new window, n
+samples later; -1 a new session.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from numba import njit
 @njit(cache=True, nogil=True)
 def state_size(n_states, n_outputs, rho):
     """Return the size of (dx, w, v)."""
-    return n_states + 1 + (n_outputs if rho > 0.0 else 0)
+    return n_states + 1 + (n_outputs if np.any(rho > 0.0) else 0)
 
 
 @njit(cache=True, nogil=True)
@@ -46,7 +47,7 @@ def _transition(F, A, g, phi, rho, seam):
             F[i, n] = g[i]
     F[n, n] = phi**length
     for i in range(n + 1, F.shape[0]):
-        F[i, i] = rho**length
+        F[i, i] = rho[i - n - 1] ** length
 
 
 @njit(cache=True, nogil=True)

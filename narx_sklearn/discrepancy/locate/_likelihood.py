@@ -1,5 +1,6 @@
 """How likely a residual is with an unknown signal of given size and memory, and the likeliest size."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,8 @@ from narx_sklearn.discrepancy.locate._kalman import filter_windows, respond, smo
 TINY_NOISE = 1e-6  # white share beside coloured noise of variance one: keeps the filter's variances positive
 LARGEST_RHO = 0.9995  # of noise: memory of two thousand samples
 ORDINARY_RHO = 0.9  # a colour to start from: the background's own is swollen by what the force leaves in it
+WORTH = 2.0  # nats that a colour, or one of an output's own, has to gain
+ROUNDS = 2  # through the outputs, each of which gets a colour of its own
 # of the force's variance over the one that would move the outputs as observed
 DECADES = np.arange(-2.0, 9.0, 2.0)
 
@@ -31,7 +34,7 @@ class Likeliest(NamedTuple):
     """The likeliest size of a force and colour of the noise."""
 
     w_var: float  # variance of the force, over that of the noise
-    rho: float  # correlation of the noise from one sample to the next
+    rho: np.ndarray  # (n_outputs,) correlation of each output's noise from one sample to the next
     log_likelihood: float  # of the samples that the search looked at
 
 
@@ -46,7 +49,7 @@ class Regressed(NamedTuple):
 
 
 def estimate(
-    covered: Covered, entrance: Entrance, phi: float, w_var: float, rho: float, *, keep: bool = False
+    covered: Covered, entrance: Entrance, phi: float, w_var: float, rho: np.ndarray, *, keep: bool = False
 ) -> Estimate:
     """Filter the residual, and smooth it where the force itself is to be kept."""
     n, n_outputs = covered.b.shape[:2]
@@ -63,14 +66,14 @@ def estimate(
     return Estimate(nu, S, samples, concentrated, w, w_variance, dx)
 
 
-def no_force(covered: Covered, rho: float, *, keep: bool = False) -> Estimate:
+def no_force(covered: Covered, rho: np.ndarray, *, keep: bool = False) -> Estimate:
     """Filter the residual as noise and free initial deviations alone."""
     return estimate(covered, Entrance.closed(covered), 1.0, 0.0, rho, keep=keep)
 
 
-def _white(rho: float) -> float:
-    """Return the variance of the white noise, in units of all noise."""
-    return TINY_NOISE if rho > 0 else 1.0
+def _white(rho: np.ndarray) -> float:
+    """Return the variance of the white noise that is beside the noise states, in units of all noise."""
+    return TINY_NOISE if np.any(rho > 0) else 1.0
 
 
 def _likelihood(covered: Covered, nu, S):
@@ -87,15 +90,46 @@ def _likelihood(covered: Covered, nu, S):
     return concentrated, -0.5 * (terms.sum(axis=1) - settled)
 
 
-def best_rho(covered: Covered, noise: str):
-    """Return the colour of the noise, and its variance, when there is no force."""
+def best_rho(covered: Covered, noise: str) -> tuple[np.ndarray, float]:
+    """Return the colour of each output's noise, and its variance, when there is no force."""
     part = thinned(covered)[0]
+    rho = np.zeros(covered.b.shape[1])
 
     def value(rho):
         return float(no_force(part, rho).samples.sum())
 
-    rho = _coloured(value, value(0.0)) if noise == "ar1" else 0.0
+    if noise == "ar1":
+        rho[:] = _coloured(lambda c: value(np.full(rho.size, c)), value(rho))
+        rho = _of_their_own(value, rho)
     return rho, no_force(covered, rho).concentrated
+
+
+def _of_their_own(value, rho: np.ndarray) -> np.ndarray:
+    """Return the common correlation, changed output by output wherever that gains two nats."""
+    if rho.size == 1:
+        return rho
+    best = value(rho)
+    for _ in range(ROUNDS):
+        before = best
+        for output in range(rho.size):
+            other = _one_coloured(value, rho, output)
+            value_there = value(other)
+            if value_there > best + WORTH:
+                rho, best = other, value_there
+        if best == before:
+            break
+    return rho
+
+
+def _one_coloured(value, rho: np.ndarray, output: int) -> np.ndarray:
+    """Return correlations of which one output's maximises ``value(rho)``, the others' as they are."""
+
+    def with_one(correlation):
+        changed = rho.copy()
+        changed[output] = correlation
+        return changed
+
+    return with_one(_coloured(lambda c: value(with_one(c)), value(with_one(0.0))))
 
 
 def _coloured(value, white: float) -> float:
@@ -107,11 +141,14 @@ def _coloured(value, white: float) -> float:
         method="bounded",
         options={"maxiter": 12, "xatol": 0.02},
     )
-    return float(-np.expm1(-search.x)) if -search.fun > white + 2.0 else 0.0
+    return float(-np.expm1(-search.x)) if -search.fun > white + WORTH else 0.0
 
 
-def best_force(covered: Covered, entrance: Entrance, phi: float, rho: float, noise: str) -> Likeliest:
-    """Return the likeliest size of a force of given memory; of none where it moves no output."""
+def best_force(covered: Covered, entrance: Entrance, phi: float, rho: np.ndarray, noise: str) -> Likeliest:
+    """Return the likeliest size of a force of given memory; of none where it moves no output.
+
+    Colours tried are white, an ordinary one and ``rho``, the background's; then each output's own is refined.
+    """
     part, rows = thinned(covered)
     entering = entrance.at(rows)
     response = np.empty((*entering.d.shape, 1))
@@ -133,19 +170,26 @@ def best_force(covered: Covered, entrance: Entrance, phi: float, rho: float, noi
         )
         return float(search.x), -float(search.fun)
 
-    colours = {0.0, ORDINARY_RHO, rho} if noise == "ar1" else {0.0}
-    _, decade, rho = max((value(t, c), t, c) for t in DECADES for c in colours)
+    white, ordinary = np.zeros(rho.size), np.full(rho.size, ORDINARY_RHO)
+    colours = distinct(white, ordinary, rho) if noise == "ar1" else (white,)
+    _, decade, likeliest = max((value(t, c), t, tuple(c)) for t in DECADES for c in colours)
+    rho = np.array(likeliest)
     decade, best = refined(decade, rho, 2.0)
-    if noise == "ar1":
-        colour = _coloured(lambda c: value(decade, c), value(decade, 0.0))
+    for output in range(rho.size if noise == "ar1" else 0):
+        colour = _one_coloured(partial(value, decade), rho, output)
         other, value_there = refined(decade, colour, 1.5)
         if value_there > best:
             decade, rho, best = other, colour, value_there
     return Likeliest(unit * 10.0**decade, rho, best)
 
 
+def distinct(*colours: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return colours that differ, each once."""
+    return tuple(np.unique(colours, axis=0))
+
+
 def regressed(
-    covered: Covered, entrance: Entrance, series: np.ndarray, phi: float, w_var: float, rho: float
+    covered: Covered, entrance: Entrance, series: np.ndarray, phi: float, w_var: float, rho: np.ndarray
 ) -> Regressed:
     """Return the log likelihood of each sample after least squares on whitened columns (de Jong 1991).
 

@@ -50,14 +50,14 @@ class Refined(NamedTuple):
         How far what was fitted moves, and the standard errors; zero for what the record does not show.
     deviation : ndarray of shape (n_outputs,)
         Standard deviation of the noise that is left.
-    rho : float
-        Its correlation from one sample to the next.
+    rho : ndarray of shape (n_outputs,)
+        Its correlation, at each output, from one sample to the next.
     """
 
     move: np.ndarray
     errors: np.ndarray
     deviation: np.ndarray
-    rho: float
+    rho: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class BesideFit:
 
     @property
     def noise_alone(self) -> float:
-        """Minus twice the log-likelihood where only noise, white or of one colour, is beside the fit."""
+        """Minus twice the log-likelihood where only noise, each output's own, is beside the fit."""
         return self._deviance(self._regressed(Entrance.closed(self.covered), 1.0, 0.0, self.against.rho))
 
     def course(self, entry: Entry, memory: float) -> Course:
@@ -122,7 +122,7 @@ class BesideFit:
     def _fitted(self, course: Course) -> Regressed:
         return self._regressed(self._entrance(course), course.phi, course.size.w_var, course.size.rho)
 
-    def _regressed(self, entrance: Entrance, phi: float, w_var: float, rho: float) -> Regressed:
+    def _regressed(self, entrance: Entrance, phi: float, w_var: float, rho: np.ndarray) -> Regressed:
         series = np.concatenate([self.covered.b, self.responses], axis=2)
         return regressed(self.covered, entrance, series, phi, w_var, rho)
 

@@ -8,7 +8,14 @@ from scipy.stats import chi2
 from narx_sklearn.discrepancy.locate._covered import Covered, Entrance, Entry, cover, thinned
 from narx_sklearn.discrepancy.locate._hats import additive_hats
 from narx_sklearn.discrepancy.locate._kalman import respond
-from narx_sklearn.discrepancy.locate._likelihood import best_force, best_rho, estimate, no_force, regressed
+from narx_sklearn.discrepancy.locate._likelihood import (
+    best_force,
+    best_rho,
+    distinct,
+    estimate,
+    no_force,
+    regressed,
+)
 from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
@@ -23,8 +30,8 @@ class Background:
 
     Attributes
     ----------
-    rho : float
-        Correlation of the noise from one sample to the next; 0 is white.
+    rho : ndarray of shape (n_outputs,)
+        Correlation of the noise of each output from one sample to the next; 0 is white.
     sigma : ndarray of shape (n_outputs,)
         Standard deviation of the noise of each output, unit of the output.
     innovations : ndarray of shape (n_samples, n_outputs)
@@ -35,7 +42,7 @@ class Background:
         Contribution of each sample; zero where there is none.
     """
 
-    rho: float
+    rho: np.ndarray
     sigma: np.ndarray
     innovations: np.ndarray
     remainder: np.ndarray
@@ -66,9 +73,10 @@ class LatentForce:
         Share of the residual's energy, beyond what initial deviations explain, that the force explains.
     p_value : float
         Of the gain against noise alone, chi-squared with two degrees of freedom, which is cautious.
-    rho, sigma, amplitude : float
-        Correlation of the noise left over, its standard deviation in units of the background's, and the
-        standard deviation of the force.
+    rho : ndarray of shape (n_outputs,)
+        Correlation of the noise left over at each output.
+    sigma, amplitude : float
+        Its standard deviation in units of the background's, and the standard deviation of the force.
     log_likelihood : ndarray of shape (n_samples,)
         Contribution of each sample under the better of the two descriptions.
     """
@@ -81,7 +89,7 @@ class LatentForce:
     own_gain: float
     share: float
     p_value: float
-    rho: float
+    rho: np.ndarray
     sigma: float
     amplitude: float
     log_likelihood: np.ndarray
@@ -131,11 +139,8 @@ def background(linear: Tangent, residual: np.ndarray, windows: Windows, *, noise
     n_outputs = residual.shape[1]
     energy = np.nanmean(residual**2, axis=0) if np.isfinite(residual).any() else np.zeros(n_outputs)
     sigma = np.sqrt(np.where(energy > 0, energy, 1.0))
-    rho = 0.0
-    for _ in range(3 if n_outputs > 1 else 1):
-        covered = cover(linear, residual, windows, sigma)
-        rho, concentrated = best_rho(covered, noise)
-        sigma = sigma * np.sqrt(concentrated)
+    rho, concentrated = best_rho(cover(linear, residual, windows, sigma), noise)
+    sigma = sigma * np.sqrt(concentrated)
     covered = cover(linear, residual, windows, sigma)
     found = no_force(covered, rho, keep=True)
     n = residual.shape[0]
@@ -276,9 +281,11 @@ def _as_function(covered: Covered, entrance: Entrance, signals, phi, w_var, rho)
     """
     basis = additive_hats(signals)
     part, rows = thinned(covered)
-    candidates = [(w_var * share, colour) for share in REMAINDERS for colour in sorted({0.0, rho})]
+    candidates = [
+        (w_var * share, colour) for share in REMAINDERS for colour in distinct(np.zeros(rho.size), rho)
+    ]
 
-    def priced(part: Covered, entering: Entrance, series: np.ndarray, w_var: float, rho: float) -> np.ndarray:
+    def priced(part: Covered, entering: Entrance, series: np.ndarray, w_var: float, rho) -> np.ndarray:
         samples, *_, n_told = regressed(part, entering, series, phi, w_var, rho)
         return samples - 0.5 * n_told * np.log(part.observed) / samples.size
 

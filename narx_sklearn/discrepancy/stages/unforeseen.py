@@ -210,9 +210,9 @@ def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tu
 
 
 def noise_left(refined: Refined) -> Noise:
-    """Return the noise that is left, of one colour on all outputs."""
-    colour = np.array([refined.rho]) if refined.rho > 0 else np.zeros(0)
-    return Noise((colour,) * refined.deviation.size, refined.deviation * np.sqrt(1.0 - refined.rho**2))
+    """Return the noise that is left, white or of one colour on each output."""
+    colours = tuple(np.array([rho]) if rho > 0 else np.zeros(0) for rho in refined.rho)
+    return Noise(colours, refined.deviation * np.sqrt(1.0 - refined.rho**2))
 
 
 def which_leads(
