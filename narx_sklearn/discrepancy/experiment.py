@@ -76,13 +76,13 @@ def design_experiment(
     """Return the input that best separates rival simulators.
 
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
-    refitted to the other's output (to first order), over the noise. Forms are idealised, so of two
-    neither of which holds the other it must also be more than next to nothing of what the effects do that not
-    all rivals share. What holds its rival as a
-    special case can do all that this one does, so there only the other way counts, and the truth may be
-    anywhere between the special case and what was passed. The design wins that tells most pairs apart, each
-    counted with its chance. Among designs that are as good it is the one that tells most of all parameters
-    (the determinant of their information is largest), for the truth may be none of the rivals.
+    refitted to the other's output (to first order), over the noise. Forms are idealised, so of two neither of
+    which holds the other it must also be more than next to nothing of what the effects do that not all rivals
+    share. What holds its rival as a special case can do all that this one does, so there only the other way
+    counts, and the truth may be anywhere between the special case and what was passed. The design wins that
+    tells most pairs apart, each counted with its chance; where none is likely to tell any, the one that comes
+    nearest to it. Among designs that are as good it is the one that tells most of all parameters (the
+    determinant of their information is largest), for the truth may be none of the rivals.
 
     Parameters
     ----------
