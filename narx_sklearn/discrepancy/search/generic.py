@@ -25,7 +25,7 @@ from narx_sklearn.discrepancy.search.hypotheses import (
 )
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.physics.effects import Effect, EffectParameter, Power, no_start
+from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Power, no_start
 from narx_sklearn.physics.effects._series import time_since
 
 KNOTS = 7  # of a broken line
@@ -130,11 +130,6 @@ def _proportional(argument, rate, own, second, time, step, z, theta, dz):
 
 def _gained(signal, second, dt, theta, first):
     return signal * (1.0 + theta[0])
-
-
-@njit(nogil=True, cache=True)
-def _product(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * (argument - theta[1]) * (second - theta[2])
 
 
 @njit(nogil=True, cache=True)
@@ -258,38 +253,36 @@ def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
     begin at the means of a run's states ``x`` (n, n_states); what stands still there is in no pair, and what
     a position and its own rate do is a matter of the polynomials.
     """
+    product = _of_two(
+        PRODUCT, "k (x - r) (w - c)", CATALOGUE["bilinear_input"].force, "{port}/(({arg}) ({second}))"
+    )
+    with_square = _of_two(
+        WITH_SQUARE, "k (x - r) (w - c)^2", _product_with_square, "{port}/(({arg}) ({second})^2)"
+    )
     n_inputs, n_states = len(simulator.inputs), len(simulator.states)
-    moving = np.flatnonzero(np.ptp(x, axis=0) > 0).tolist()
-    if simulator.discrete:
-        moving = [j for j in moving if not structure.kinematic[j]]
-    pairs = [(_product_law(), pair) for pair in combinations(moving, 2)]
-    pairs += [(_law_with_square(), pair) for pair in permutations(moving, 2)]
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
+        of_one_motion = {weights_of(n_states, {j: 1.0}) for j in (i, structure.partner[i]) if j >= 0}
+        moving = [a for a in arguments("any", i, simulator, structure) if np.ptp(x @ np.array(a.weights)) > 0]
+        pairs = [(product, pair) for pair in combinations(moving, 2)]
+        pairs += [(with_square, pair) for pair in permutations(moving, 2)]
         for law, (one, other) in pairs:
-            if {one, other} == {i, structure.partner[i]}:
+            if {one.weights, other.weights} == of_one_motion:
                 continue
-            argument = Argument(weights_of(n_states, {one: 1.0}), *simulator.states[one])
-            name, unit = simulator.states[other]
-            weights = weights_of(n_inputs + n_states, {n_inputs + other: 1.0})
-            placed = placed_at(law, Port("state", i), argument)
-            placed = replace(placed, second=weights, second_name=name, second_unit=unit)
-            limits = (-np.inf, np.inf), reference_limits(x[:, one]), reference_limits(x[:, other])
-            start = np.array([1.0, x[:, one].mean(), x[:, other].mean()])
+            placed = placed_at(law, Port("state", i), one)
+            weights = (*[0.0] * n_inputs, *other.weights)
+            placed = replace(placed, second=weights, second_name=other.name, second_unit=other.unit)
+            values = [x @ np.array(signal.weights) for signal in (one, other)]
+            limits = (-np.inf, np.inf), *(reference_limits(signal) for signal in values)
+            start = np.array([1.0, *(signal.mean() for signal in values)])
             begun = replace(placed, limits=limits).at((0.0, *start[1:]))
             found.append(Hypothesis(begun, start[None], tuned=np.zeros(1, bool), tried=np.zeros(1)))
     return found
 
 
-def _product_law() -> Effect:
-    law = _law(PRODUCT, "k (x - r) (w - c)", ["k"], POINTS, _product, "{port}/(({arg}) ({second}))")
-    return replace(law, amplitude=0, references=(1, 2))
-
-
-def _law_with_square() -> Effect:
-    unit = "{port}/(({arg}) ({second})^2)"
-    law = _law(WITH_SQUARE, "k (x - r) (w - c)^2", ["k"], POINTS, _product_with_square, unit)
-    return replace(law, amplitude=0, references=(1, 2))
+def _of_two(code: str, equation: str, force, unit: str) -> Effect:
+    """Return a law of two signals, each counted from a working point."""
+    return replace(_law(code, equation, ["k"], POINTS, force, unit), amplitude=0, references=(1, 2))
 
 
 def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, str]]:
