@@ -6,6 +6,8 @@ import pytest
 from hypothesis import settings
 from joblib import cpu_count
 
+from narx_sklearn._threads import single_threaded_blas
+
 # Derandomised, so that a run fails for a change and not for a draw; compiled kernels need no deadline.
 # To look for new counterexamples: python -m pytest --hypothesis-profile=explore
 settings.register_profile("law", deadline=None, derandomize=True, max_examples=40)
@@ -22,3 +24,10 @@ def pytest_cmdline_main(config):
     if is_whole and can_spread and config.option.numprocesses is None:
         config.option.numprocesses, config.option.dist = cpu_count(), "loadfile"
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each worker: together they have all cores already
+
+
+@pytest.fixture(scope="session", autouse=True)
+def small_matrices_need_one_thread():
+    """Call parts as the estimators call them: with threads of its own BLAS doubles the time."""
+    with single_threaded_blas():
+        yield

@@ -159,14 +159,19 @@ def _leading(
     placed = leaders(bank, settings.n_leaders, NONE_SILENT, 1.0)
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
     p = problem.simulator.nominal
-    near = (np.abs(refitted.model.p) <= FAR * np.abs(p)) & (np.abs(p) <= FAR * np.abs(refitted.model.p))
-    if np.all(near | (p == 0)):
+    if not went_far(refitted.model.p, p):
         return found
     nominal = fit_states(problem, refitted.model._replace(p=p))
     bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
     placed = with_pushes(bank, settings.n_leaders)
     found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
     return once_each(sorted(found, key=lambda c: c.criterion))
+
+
+def went_far(p: np.ndarray, nominal: np.ndarray) -> bool:
+    """Tell whether parameters went farther from their nominal values than anybody is wrong about them."""
+    near = (np.abs(p) <= FAR * np.abs(nominal)) & (np.abs(nominal) <= FAR * np.abs(p))
+    return not np.all(near | (nominal == 0))
 
 
 def _steps(

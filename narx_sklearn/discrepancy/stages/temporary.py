@@ -1,6 +1,6 @@
 """Effects that act for a while only, looked for where the rest of the record leaves a mismatch."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged, hypotheses_of
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged, hypotheses_of, went_far
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 
 DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
@@ -66,7 +66,7 @@ def search_in_spans(
     spans : list of (float, float)
         Where the search begins.
     p : ndarray of shape (n_parameters,)
-        Parameters of the simulator from which it begins.
+        Parameters of the simulator from which it begins; from the nominal ones too where these are far away.
     before : Searched
         What the search for effects that always act came to.
     """
@@ -74,12 +74,11 @@ def search_in_spans(
         return None
     problem, refitted, steps = before
     settings.tell("search for what acts for a while")
-    spared = fit_states(problem, refitted.model._replace(p=p))
-    base = spared.model if np.isfinite(spared.cost) else refitted.model  # a run may diverge elsewhere
+    bases = _bases(problem, refitted, p)
     always = before.pool
     named = bool(always) and before.p_value <= settings.alpha
     rival = likeliest(always, refitted.cost) if named else None
-    looks = (_found_in(span, problem, base, rival, structure, settings) for span in spans)
+    looks = (_found_in(span, problem, base, rival, structure, settings) for base in bases for span in spans)
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
         return None
@@ -104,6 +103,18 @@ def search_in_spans(
     models += [_in_span(c, settled[0].effects[0].during) for c in roughly[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
     return Searched(problem, fit(problem, refitted.model), [step])
+
+
+def _bases(problem: Problem, refitted: Fit, p: np.ndarray) -> list[Model]:
+    """Return the models of the simulator alone from which spans are searched.
+
+    What acts for a third of the time, as a leak of something that integrates, may bend parameters so far that
+    no fit with it leads back, even those of the quieter half. There the nominal ones are begun from too.
+    """
+    nominal = problem.simulator.nominal
+    begun = [p, nominal] if went_far(p, nominal) else [p]
+    spared = [fit_states(problem, refitted.model._replace(p=p)) for p in begun]
+    return [s.model for s in spared if np.isfinite(s.cost)] or [refitted.model]  # a run may diverge elsewhere
 
 
 def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[Candidate]:
@@ -158,9 +169,9 @@ def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     return list(dict.fromkeys(found))
 
 
-def may_stand_in(effects: Iterable[PlacedEffect]) -> bool:
-    """Tell whether a set may stand in for what acts for a while: something in it changes with time."""
-    return any(effect.effect.code in DRIFTS for effect in effects)
+def may_stand_in(effects: Sequence[PlacedEffect]) -> bool:
+    """Tell whether a set may stand in for what acts for a while: several, or one that changes with time."""
+    return len(effects) > 1 or any(effect.effect.code in DRIFTS for effect in effects)
 
 
 def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
@@ -211,7 +222,27 @@ def _found_in(
     found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
     if not found:
         return None
-    return InSpan(own, bank.without_columns(), found, deviance(own, found[0].fit.model) + found[0].price)
+    own, found, best = _under_clearer_noise(own, found, settings)
+    return InSpan(own, bank.without_columns(), found, deviance(own, best.fit.model) + best.price)
+
+
+def _under_clearer_noise(
+    problem: Problem, found: list[Candidate], settings: Settings
+) -> tuple[Problem, list[Candidate], Candidate]:
+    """Return the problem, and what was found, best first, under the noise that the best of it leaves.
+
+    The noise of the rest was coloured by what acts for longer than the span, and by parameters that the rest
+    does not go with; what explains most under it may be far from that. Where the best leaves none that is
+    clearer, all is as it was. The best is returned once more, with its ends roughly settled.
+    """
+    best = _settled(problem, found[0], passes=1)
+    noise = clearer_noise(problem, best.fit)
+    if noise is None:
+        return problem, found, best
+    problem = problem.with_noise(noise)
+    again = _fitted(problem, [_in_span(c, best.effects[0].during) for c in found], settings)
+    settled = _settled_each(problem, again, settings, passes=1)
+    return problem, settled, settled[0]
 
 
 def _left_outside(touched: np.ndarray, start: Fit) -> float:
