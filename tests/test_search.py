@@ -121,6 +121,29 @@ class TestIdle:
         assert [effect.effect.code for effect in alone.effects] == ["bouc_wen_hysteresis"]
         assert alone.criterion > both.criterion + 10  # the steps were worth more than a name costs
 
+    def test_what_moves_a_converters_steps_alone_leaves_it(self):
+        """Of 81 loads that hardly add anything the best takes off sixty times the noise, by chance."""
+        coarse, problem, found = self.converted()
+        models = [
+            found.model._replace(effects=(self.load(size), coarse)) for size in np.linspace(-1e-3, 1e-3, 81)
+        ]
+        lucky = min((fit(problem, model, iterations=0) for model in models), key=lambda f: f.cost)
+        both = Candidate(lucky, problem.n_seen)
+        assert both.criterion < Candidate(found, problem.n_seen).criterion - 10
+        (alone,) = without_idle(problem, both)
+        assert [effect.effect.code for effect in alone.effects] == ["quantisation"]
+
+    def test_what_is_there_before_a_converter_stays(self):
+        _, problem, found = self.converted(self.load(0.2))
+        assert without_idle(problem, Candidate(found, problem.n_seen)) == []
+
+    def converted(self, *effects):
+        """Return a converter of five deviations of the noise, and the axis before it with all fitted."""
+        coarse = PlacedEffect(CATALOGUE["quantisation"], Port("output", 0), theta=(0.01,))
+        problem, start = axis_problem([*effects, coarse])
+        smooth = fit(problem, start._replace(effects=effects)).model
+        return coarse, problem, fit(problem, smooth._replace(effects=(*effects, coarse)))
+
     def test_what_does_something_stays(self):
         problem, start = axis_problem([friction(0.3), self.load(0.2)])
         both = (self.load(0.2), friction(0.3))

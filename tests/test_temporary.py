@@ -23,7 +23,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import diagnosis, temporary
-from narx_sklearn.discrepancy.stages.coloured_search import coloured_search
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 from narx_sklearn.discrepancy.stages.temporary import (
     large_parts,
@@ -356,17 +356,23 @@ def test_parameters_that_what_acts_for_a_while_bent_far_are_left_for_the_nominal
 
 
 @pytest.mark.parametrize(
-    ("codes", "may"),
+    ("codes", "gain", "may"),
     [
-        ((), False),
-        (("constant_load",), False),
-        (("gain_drift",), True),
-        (("constant_load", "sensor_bias"), True),
+        ((), 5.0, False),
+        (("constant_load",), 5.0, False),
+        (("gain_drift",), 1.0, True),
+        (("constant_load", "sensor_bias"), 1.0, False),
+        (("constant_load", "sensor_bias"), 5.0, True),
     ],
 )
-def test_several_names_or_a_drift_may_stand_in_for_one_that_acts_for_a_while(codes, may):
+def test_a_drift_or_several_names_beside_a_bent_parameter_may_stand_in_for_what_acts_for_a_while(
+    codes, gain, may
+):
+    simulator, u = make(), drive(400)
+    problem = Problem(simulator, u, u, cut([(slice(0, 400), 0)], 200, 8), Noise.white(np.ones(1)))
+    bent = fit(problem, Model(simulator.nominal * [gain, 1, 1], (), np.zeros((2, 2))), iterations=0)
     effects = [PlacedEffect(CATALOGUE[code], Port("output", 0), (0.0, 1.0)) for code in codes]
-    assert temporary.may_stand_in(effects) is may
+    assert temporary.may_stand_in(effects, Searched(problem, bent, [])) is may
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])

@@ -17,6 +17,7 @@ from narx_sklearn.discrepancy.search.detect import Detection, detect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs
+from narx_sklearn.discrepancy.search.restricted import STEPPED
 from narx_sklearn.discrepancy.search.valleys import may_lie_elsewhere, other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 
@@ -32,6 +33,7 @@ PAIR_ROUNDS = ((3, 4), (7, 2))  # as above, of pairs
 MUCH_LESS = 0.5  # share of what the best so far leaves, at most left by a pair that is looked into
 IN_REACH = 60.0  # difference of the criterion that another valley of the cost may make up
 FORM = 0.05  # share of what the best takes off, that it may make up too
+ADDED = 0.25  # share of what it takes off beside a converter, that a member adds at least
 MAY_BE_NOTHING = 1.64  # standard errors, within which an effect's size may as well be zero
 PACE = 2.0  # times the last iteration's decrease, that each further one is given credit for
 
@@ -387,13 +389,33 @@ def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
     What a fit reached with their help the others may not have found alone. Where a force of no size does as
     well as one of its own, it is the shorter steps in which it turns about that help, so it does nothing.
     """
-    idle = [
-        effect
-        for index, effect in enumerate(candidate.effects)
-        if without(problem, candidate, [effect], iterations=0).criterion <= candidate.criterion
-        or _is_as_good_at_no_size(problem, candidate, index)
-    ]
+    idle = [effect for i, effect in enumerate(candidate.effects) if _is_idle(problem, candidate, i)]
     return [without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
+
+
+def _is_idle(problem: Problem, candidate: Candidate, index: int) -> bool:
+    lacking = without(problem, candidate, [candidate.effects[index]], iterations=0)
+    return (
+        lacking.criterion <= candidate.criterion
+        or _moves_steps_alone(problem, candidate, index, lacking.fit.cost)
+        or _is_as_good_at_no_size(problem, candidate, index)
+    )
+
+
+def _moves_steps_alone(problem: Problem, candidate: Candidate, index: int, without_it: float) -> bool:
+    """Tell whether a member beside a converter takes off what it does not add to what is converted.
+
+    The least change moves samples near an edge by whole steps, and among many changes one fits by chance.
+    What a smooth member takes off a fit, all else as it is, are the squares of what it adds.
+    """
+    effects = candidate.effects
+    smooth = tuple(e for e in effects if e.effect.code not in STEPPED)
+    if len(smooth) == len(effects) or effects[index] not in smooth:
+        return False
+    others = tuple(e for e in smooth if e is not effects[index])
+    there, gone = (problem.run(candidate.fit.model._replace(effects=e)).y for e in (smooth, others))
+    added = float(np.sum(problem.whiten(there - gone) ** 2))
+    return added < ADDED * (without_it - candidate.fit.cost)
 
 
 def _is_as_good_at_no_size(problem: Problem, candidate: Candidate, index: int) -> bool:

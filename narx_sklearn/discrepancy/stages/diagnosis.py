@@ -225,7 +225,7 @@ def _looked_into_parts(
         spans = spans_of(stretches, searched.problem)
         searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
     found = judge(searched, structure, settings)
-    if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects)):
+    if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects, searched)):
         # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
         spans = large_parts(searched.problem)
         in_part = search_in_spans(spans, stretches.p, searched, structure, settings)

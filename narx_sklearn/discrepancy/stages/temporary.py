@@ -169,9 +169,14 @@ def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     return list(dict.fromkeys(found))
 
 
-def may_stand_in(effects: Sequence[PlacedEffect]) -> bool:
-    """Tell whether a set may stand in for what acts for a while: several, or one that changes with time."""
-    return len(effects) > 1 or any(effect.effect.code in DRIFTS for effect in effects)
+def may_stand_in(effects: Sequence[PlacedEffect], before: Searched) -> bool:
+    """Tell whether a set may stand in for what acts for a while.
+
+    It may where something in it changes with time, or where it takes several beside parameters gone far.
+    """
+    if any(effect.effect.code in DRIFTS for effect in effects):
+        return True
+    return len(effects) > 1 and went_far(before.refitted.model.p, before.problem.simulator.nominal)
 
 
 def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
