@@ -34,12 +34,15 @@ def test_a_name_that_holds_stays_explained(after):
     found = diagnosed(0.4, after)
     assert found.verdict_ == "explained"
     assert found.findings_[0].effect == "coulomb_friction"
+    assert found.findings_[0].stands
     assert what_is_left(found) == ""
 
 
 def test_a_name_that_does_not_hold_on_other_samples_is_no_explanation():
     found = diagnosed(0.4, 0.7)
     assert found.verdict_ == "unknown"
-    assert found.findings_[0].effect == "coulomb_friction"  # what comes nearest
+    assert found.findings_[0].effect == "coulomb_friction"
+    assert not found.findings_[0].stands
+    assert "What comes nearest:" in found.report_
     assert found.scores_.loc["augmented", "nrmse"] < found.scores_.loc["refitted", "nrmse"]
     assert "they stand in for something else, or the machine has changed" in found.report_

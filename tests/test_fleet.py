@@ -1,10 +1,18 @@
 """A fleet of mass-spring-dampers: who shows the effect, how machines differ, whether they drift."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.fleet import diagnose_fleet, pool_estimates
+from narx_sklearn.discrepancy.fleet import (
+    _effect_table,
+    _One,
+    _value_table,
+    diagnose_fleet,
+    pool_estimates,
+)
 from narx_sklearn.identification.many import by_session
 
 ABOUT = {"dt": 0.05, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
@@ -52,6 +60,26 @@ def test_the_machines_with_the_effect_are_named_and_no_others(fleet):
     assert 0 < row["low"] < 0.5 < row["high"] < 1
     assert (found.machines["q_value"] >= found.machines["p_value"] * (1 - 1e-12)).all()
     assert found.machines.loc["M0", "effects"] == ""
+
+
+def test_what_only_comes_nearest_in_a_recording_does_not_count_and_what_has_no_name_does(fleet):
+    dx, recordings, _ = fleet
+    u, y = recordings["M1"]
+    (finding,) = dx.fit(u, y).findings_
+    nameless = replace(finding, effect="unknown", stands=False)
+    own = dx.parameters_[:0]
+    found = {
+        name: _One(verdict, 0.001, [said], own, 0.95)
+        for name, verdict, said in (
+            ("told", "explained", finding),
+            ("nearest", "unknown", replace(finding, stands=False)),
+            ("nameless", "unknown", nameless),
+        )
+    }
+    effects = _effect_table(found, 0.95).set_index("effect")
+    assert effects["recordings"].to_dict() == {"cubic_stiffness": ["told"], "unknown": ["nameless"]}
+    values = _value_table(found, np.arange(3.0))
+    assert values["recording"].drop_duplicates().tolist() == ["told", "nameless"]
 
 
 def test_differences_and_drift_of_a_parameter_are_told_from_its_errors(fleet):

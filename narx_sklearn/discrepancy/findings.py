@@ -34,11 +34,12 @@ SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
 def make_findings(
-    diagnosis: Diagnosis, level: float, simulator: Simulator, location: Location
+    diagnosis: Diagnosis, verdict: str, level: float, simulator: Simulator, location: Location
 ) -> list[Finding]:
     """Return the findings of a diagnosis, what follows no signal first, then those that explain most.
 
-    What is no noise but has no name or curve is said to enter at the likeliest port of a location.
+    What is no noise but has no name or curve is said to enter at the likeliest port of a location. Where the
+    ``verdict`` is *unknown* in the end, which held-out samples may say of names, none of these stands.
     """
     best, base = diagnosis.best, diagnosis.refitted
     found = []
@@ -84,6 +85,7 @@ def make_findings(
                 adds=(float(added[i][1].min()), float(added[i][1].max())) if added[i][1].size else None,
                 adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
                 where=where_in_words(placed, *added[i]),
+                stands=verdict != "unknown" or diagnosis.unforeseen is not None,
                 evidence={
                     "criterion_gain": float(
                         base.cost and Candidate(base, best.n_samples).criterion - best.criterion

@@ -10,6 +10,7 @@ from scipy.stats import beta, chi2, norm, t
 from sklearn.base import clone
 
 from narx_sklearn.discrepancy.regressor import DiscrepancyRegressor
+from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.identification.many import named_recordings
 
 __all__ = ["FleetDiagnosis", "PooledEstimate", "diagnose_fleet", "pool_estimates"]
@@ -64,7 +65,8 @@ class FleetDiagnosis:
         One row for each recording: ``verdict``, ``p_value`` (that nothing is missing), ``q_value`` (the
         same, adjusted for the number of recordings after Benjamini and Hochberg), ``effects`` found.
     effects : pandas.DataFrame
-        One row for each effect and place: ``n_showing`` recordings that name it, their ``share`` with its
+        One row for each effect and place: ``n_showing`` recordings that name it (not as what only comes
+        nearest), their ``share`` with its
         interval ``low``, ``high``, ``n_compatible`` recordings that name a look-alike of it instead, and
         ``recordings`` that name it.
     values : pandas.DataFrame
@@ -89,9 +91,14 @@ class _One(NamedTuple):
 
     verdict: str
     p_value: float
-    findings: list
+    findings: list[Finding]
     own: pd.DataFrame
     level: float
+
+    @property
+    def told(self) -> list[Finding]:
+        """Findings that count across recordings: no name that only comes nearest in its own."""
+        return [finding for finding in self.findings if finding.stands or finding.effect == "unknown"]
 
 
 def diagnose_fleet(
@@ -327,7 +334,7 @@ def _adjusted(p: np.ndarray) -> np.ndarray:
 def _effect_table(found: dict[Any, _One], level: float) -> pd.DataFrame:
     showing: dict[tuple[str, str], list] = {}
     for name, one in found.items():
-        for finding in one.findings if one.verdict in MISSING else []:
+        for finding in one.told if one.verdict in MISSING else []:
             showing.setdefault((finding.effect, finding.place), []).append(name)
     rows = []
     for (effect, place), names in showing.items():
@@ -335,7 +342,7 @@ def _effect_table(found: dict[Any, _One], level: float) -> pd.DataFrame:
         compatible = [
             name
             for name, one in found.items()
-            if name not in names and any(effect in f.lookalikes for f in one.findings)
+            if name not in names and any(effect in f.lookalikes for f in one.told)
         ]
         tail = 0.5 - level / 2
         # Clopper and Pearson's interval
@@ -359,7 +366,7 @@ def _value_table(found: dict[Any, _One], times: np.ndarray) -> pd.DataFrame:
         for parameter, row in one.own.iterrows():
             error = error_of(row["value"], row["low"], row["high"])
             rows.append((name, time, OWN, "", parameter, row["value"], error, row["unit"]))
-        for f in one.findings:
+        for f in one.told:
             for parameter, value in f.parameters.items():
                 error = error_of(value, *f.intervals[parameter])
                 rows.append((name, time, f.effect, f.place, parameter, value, error, f.units[parameter]))

@@ -94,7 +94,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     verdict_ : {"consistent", "refit", "explained", "ambiguous", "unknown"}
         What was concluded.
     findings_ : list of Finding
-        Effects found missing, the strongest first.
+        Effects found missing, the strongest first; where the verdict is *unknown*, what comes nearest to what
+        is missing, none of which ``stands``.
     scores_ : DataFrame
         Held-out free run of the nominal, refitted and augmented simulation: ``nrmse`` (over the spread of
         what was held out), ``rmse``, ``removed`` (share of the refitted error taken away), with intervals.
@@ -475,7 +476,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.location_ = locate(diagnosis, self.random_state, self.n_jobs)
         if conclusion.verdict == "unknown" and diagnosis.unforeseen is None:
             self.location_ = with_invariances(self.location_, diagnosis)
-        self.findings_ = make_findings(diagnosis, self.level, simulator, self.location_)
+        self.findings_ = make_findings(diagnosis, self.verdict_, self.level, simulator, self.location_)
         nothing = confidence_in_nothing(diagnosis.p_missing)
         self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         noise = diagnosis.noise

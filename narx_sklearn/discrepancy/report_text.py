@@ -94,8 +94,7 @@ def _listed(signals) -> str:
 
 def _what(dx) -> list[str]:
     lines = [f"Test that nothing is missing: p {p_text(dx.p_value_)}.", ""]
-    nearest = dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.unforeseen is None
-    if nearest and any(finding.modelled for finding in dx.findings_):
+    if not all(finding.stands for finding in dx.findings_):
         lines += ["What comes nearest:", ""]
     for i, finding in enumerate(dx.findings_, start=1):
         title = finding.title[:1].upper() + finding.title[1:]

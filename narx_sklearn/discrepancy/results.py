@@ -95,6 +95,8 @@ class Finding:
     where : str, default=""
         Where it acts, if that is where a signal is beyond or between values that it came to:
         ``"position is above 0.54 m"``; empty where it acts anywhere.
+    stands : bool, default=True
+        False where it comes nearest to what is missing but does not explain it: the verdict is *unknown*.
     """
 
     effect: str
@@ -121,6 +123,7 @@ class Finding:
     adds: tuple[float, float] | None = None
     adds_to: str = ""
     where: str = ""
+    stands: bool = True
 
     @property
     def size(self) -> str:
