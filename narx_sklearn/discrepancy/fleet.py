@@ -66,9 +66,8 @@ class FleetDiagnosis:
         same, adjusted for the number of recordings after Benjamini and Hochberg), ``effects`` found.
     effects : pandas.DataFrame
         One row for each effect and place: ``n_showing`` recordings that name it (not as what only comes
-        nearest), their ``share`` with its
-        interval ``low``, ``high``, ``n_compatible`` recordings that name a look-alike of it instead, and
-        ``recordings`` that name it.
+        nearest), their ``share`` with its interval ``low``, ``high``, ``n_compatible`` recordings that name
+        a look-alike of it instead, and ``recordings`` that name it.
     values : pandas.DataFrame
         One row for each parameter in each recording: ``value`` and ``standard_error`` in ``unit``. The
         simulator's own parameters have the effect ``"(simulator)"``.

@@ -245,7 +245,8 @@ def _under_clearer_noise(
     if noise is None:
         return problem, found, best
     problem = problem.with_noise(noise)
-    again = _fitted(problem, [_in_span(c, best.effects[0].during) for c in found], settings)
+    others = [_in_span(c, best.effects[0].during) for c in found[1:]]
+    again = _fitted(problem, [best.fit.model, *others], settings)
     settled = _settled_each(problem, again, settings, passes=1)
     return problem, settled, settled[0]
 
