@@ -94,8 +94,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     verdict_ : {"consistent", "refit", "explained", "ambiguous", "unknown"}
         What was concluded.
     findings_ : list of Finding
-        Effects found missing, the strongest first; where the verdict is *unknown*, what comes nearest to what
-        is missing, none of which ``stands``.
+        Effects found missing, the strongest first. Where the verdict is *unknown*, names and laws come only
+        nearest to what is missing, and have a ``stands`` of False; what has no form stands as it is.
     scores_ : DataFrame
         Held-out free run of the nominal, refitted and augmented simulation: ``nrmse`` (over the spread of
         what was held out), ``rmse``, ``removed`` (share of the refitted error taken away), with intervals.
