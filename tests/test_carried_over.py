@@ -38,6 +38,7 @@ def test_a_name_that_holds_stays_explained(after):
     assert what_is_left(found) == ""
 
 
+@pytest.mark.long
 def test_a_name_that_does_not_hold_on_other_samples_is_no_explanation():
     found = diagnosed(0.4, 0.7)
     assert found.verdict_ == "unknown"

@@ -186,6 +186,7 @@ class TestSlowAndLate:
         assert "the beginning was held out instead" in found.report_
         assert found.scores_.loc["augmented", "nrmse"] < 1.05 * found.scores_.loc["refitted", "nrmse"]
 
+    @pytest.mark.long
     def test_a_limit_that_is_met_at_the_end_only_is_found_beside_what_always_acts(self):
         limit = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-4.0, 4.0))
         u, y = self.recording(self.LINE, limit, loud_from=1230)

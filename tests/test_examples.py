@@ -14,6 +14,7 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SCRIPTS = sorted(path for path in EXAMPLES.glob("*.py") if not path.name.startswith("_"))
 EMPTY_FIGURE = 5_000  # bytes; none of ours is as small
+SLOW = {"emps_friction"}  # a whole diagnosis of a real axis
 
 
 def exit_code(script):
@@ -29,7 +30,10 @@ def exit_code(script):
     return 0
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(s, marks=[pytest.mark.long] if s.stem in SLOW else [], id=s.stem) for s in SCRIPTS],
+)
 def test_the_script_runs_and_draws_its_figure_if_it_has_one(script, tmp_path, monkeypatch, capsys):
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")

@@ -107,6 +107,7 @@ def test_a_value_that_is_the_best_of_very_many_pays_for_them(record):
     assert rounded.price - offset.price == pytest.approx(2 * np.log(65535))
 
 
+@pytest.mark.long
 def test_names_with_another_form_are_still_named(record):
     u, y = record
     wrong = {name: value * off for (name, value), off in zip(TRUE.items(), (0.9, 1.2, 1.1), strict=True)}

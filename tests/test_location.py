@@ -154,6 +154,7 @@ def test_any_windows_will_do(length):
     assert np.std(local[1600:2500]) > np.std(local[:700])
 
 
+@pytest.mark.long
 def test_the_stretch_in_which_it_acted_is_told():
     u, y = gated()
     simulator = make(stage, 1.0, 0.8, 12.0)
@@ -166,6 +167,7 @@ def test_the_stretch_in_which_it_acted_is_told():
     assert (told & real).sum() / (told | real).sum() > 0.7
 
 
+@pytest.mark.long
 def test_what_acts_everywhere_has_no_region_and_hides_none_of_another():
     """Friction is as large at any speed; the stop beside it acts beyond its gap."""
     u = drive()

@@ -90,6 +90,7 @@ def test_an_explanation_that_but_led_to_a_better_valley_is_told_from_one_that_ex
     assert coloured_search._led_farther(problem, refitted, rubs) is None
 
 
+@pytest.mark.long
 def test_where_an_effect_led_the_parameters_to_a_better_valley_nothing_is_missing(record, monkeypatch):
     """A constant load of no size, fitted beside nominal parameters, left next to nothing of a lost refit."""
     without_a_way_back(monkeypatch)

@@ -50,6 +50,7 @@ def test_a_drive_that_lagged_when_the_record_began_does_not_in_another():
     assert missed[0] < 0.1 * missed[1]
 
 
+@pytest.mark.long
 def test_a_drive_that_began_at_rest_in_several_sessions_does_so_in_another():
     u = np.concatenate([0.3 + commands(400, seed) for seed in range(4)])
     sessions = np.repeat(range(4), 400)

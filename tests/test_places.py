@@ -175,6 +175,7 @@ class TestPlaces:
         )
         assert not placements(CATALOGUE["coupling"], shaft, self.structure_of(shaft))
 
+    @pytest.mark.long
     def test_what_one_motor_does_to_the_other_axis_is_named(self):
         def two(x, u, p):
             return x[1], p[0] * u[0] - 2 * x[1] - 30 * x[0], x[3], p[1] * u[1] - 1.5 * x[3] - 20 * x[2]

@@ -164,6 +164,7 @@ def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponen
     assert " to " not in size  # what is given has no interval
 
 
+@pytest.mark.long
 def test_a_power_without_a_name_may_stand_beside_a_name():
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
     dx = diagnosed_oscillator(held_and_rubbing, named, noise=0.01, seed=0)

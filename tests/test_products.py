@@ -90,6 +90,7 @@ def diagnosed():
     return DiscrepancyRegressor(simulator(1.15), random_state=0).fit(u, y)
 
 
+@pytest.mark.long
 def test_what_carries_something_else_is_told_as_a_product(diagnosed):
     (finding,) = diagnosed.findings_
     assert (diagnosed.verdict_, finding.effect, finding.port) == ("unknown", "unknown", "state:1")
@@ -97,6 +98,7 @@ def test_what_carries_something_else_is_told_as_a_product(diagnosed):
     assert finding.parameters["k"] == pytest.approx(-CARRIED, rel=0.1)
 
 
+@pytest.mark.long
 def test_its_model_holds_on_what_was_held_out(diagnosed):
     left = diagnosed.scores_["nrmse"]
     assert left["augmented"] < 0.5 * left["refitted"]

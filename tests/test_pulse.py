@@ -138,6 +138,7 @@ def test_a_parameter_that_pulsates_is_told_and_modelled(rhs, depth, port, size):
     assert np.std(moved - augmented) < 0.5 * np.std(moved - refitted)
 
 
+@pytest.mark.long
 def test_a_line_by_name_does_not_stand_for_what_pulsates():
     """Whatever else a wave times a motion is, it has lines, of which a name takes one."""
     u, y, _ = recorded(np.random.default_rng(0), softened, 0.6)

@@ -100,6 +100,7 @@ def test_what_goes_below_zero_is_no_store():
     assert not isinstance(TraceSimulator(y - y.mean(), u, dt=2.0).twin_, StoresSimulator)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*compile")
 def test_an_overflow_of_the_store_that_nobody_sees_is_found_from_a_bare_trace():
     u = pumped(3000)

@@ -207,6 +207,7 @@ class TestTheOtherOrder:
     def test_what_adds_up_has_no_order(self, problem):
         assert not reordered(problem, [fitted(problem, LOAD, COULOMB)])
 
+    @pytest.mark.long
     def test_a_diagnosis_tells_the_order(self, acting):
         effects, problem = acting
         some = ["input_saturation", "lag", "input_polynomial", "cubic_stiffness"]

@@ -203,6 +203,7 @@ def test_what_begins_and_stays_has_no_end_unless_it_ended_unseen():
     assert ended.findings_[0].during == pytest.approx((1150 * DT, 1920 * DT), abs=8 * DT)
 
 
+@pytest.mark.long
 def test_what_is_contradicted_after_its_end_explains_nothing():
     """What rubbed is over when another plant takes its place: the numbers found with it do not hold."""
     u, y = rubbed(2000, 500, 1000)
@@ -409,6 +410,7 @@ def best_of(step):
     return min(step.candidates, key=lambda c: c.criterion)
 
 
+@pytest.mark.long
 def test_an_end_that_leaves_the_record_is_not_known():
     u, y = rubbed(1500, 900, 1500)
     _, _, (step,) = searched_in(y, u, 900, 1400)
@@ -474,6 +476,7 @@ def test_sessions_have_times_of_their_own(rows, span):
     assert large_parts(problem)[1] == pytest.approx((2.5, 7.5))
 
 
+@pytest.mark.long
 def test_what_acts_for_a_while_in_each_session_is_found():
     parts = [rubbed(n=2000, start=600, stop=1200, noise=0.004)[:2] for _ in range(2)]
     u, y = (np.concatenate(both) for both in zip(*parts, strict=True))

@@ -226,6 +226,7 @@ class TestDiagnosis:
         with pytest.raises(ValueError, match="at sample 1 of 3000"):
             dx.to_narx(u)
 
+    @pytest.mark.long
     @pytest.mark.parametrize("seed", [0, 1])
     def test_a_pendulum_that_turns_over_is_refitted(self, seed):
         rng = np.random.default_rng(seed)
