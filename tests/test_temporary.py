@@ -435,6 +435,37 @@ def test_a_stretch_that_is_pointed_at_badly_is_mended():
     assert problem.noise.sigma[0] == pytest.approx(0.004, rel=0.1)
 
 
+def test_ends_are_moved_where_whole_fits_would_move_them(monkeypatch):
+    """Only moves that tangents promise something of are fitted, less than half, and they end alike."""
+    u, y = rubbed(1500, 500, 1000)
+    windows = cut([(slice(0, 1500), 0)], 500, 20)
+    problem = Problem(make(), u, y, windows, Noise.white(np.array([0.004])))
+    rub = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(1.0,))
+    begun = Model(np.array([1.1, 0.7, 11.0]), (replace(rub, during=(11.5, 19.0)),), np.zeros((3, 2)))
+    candidate, fits = Candidate(fit(problem, begun), problem.n_seen), []
+    monkeypatch.setattr(temporary, "fit", lambda *a, **k: fits.append(1) or fit(*a, **k))
+    settled = temporary._settled(problem, candidate, 2)
+    n_fits = len(fits)
+    monkeypatch.setattr(temporary, "_may_leave_less", lambda *_: True)
+    by_fits = temporary._settled(problem, candidate, 2)
+    assert settled.effects[0].during == by_fits.effects[0].during
+    assert settled.effects[0].during == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)
+    assert settled.fit.cost == pytest.approx(by_fits.fit.cost, rel=1e-9)
+    assert n_fits < 0.5 * (len(fits) - n_fits)
+
+
+def test_a_move_with_which_a_run_diverges_is_left_to_a_fit():
+    u, y = rubbed(600, 200, 400)
+    problem = Problem(make(), u, y, cut([(slice(0, 600), 0)], 600, 20), Noise.white(np.array([0.004])))
+    load = PlacedEffect(
+        CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.5,), during=(4.0, 8.0)
+    )
+    found = fit(problem, Model(np.array([1.1, 0.7, 11.0]), (load,), np.zeros((1, 2))))
+    lost = replace(load, theta=(1e308,), during=(4.0, 6.0))
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert temporary._may_leave_less(problem, found, found.model._replace(effects=(lost,)))
+
+
 def stretches(*rows):
     return Stretches(pd.DataFrame(rows, columns=["start", "stop", "share"]), np.zeros(3), np.zeros((1000, 1)))
 

@@ -4,7 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_toeplitz, solve_triangular, toeplitz
+from numba import njit
+from scipy.linalg import LinAlgError, solve_toeplitz, toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
@@ -105,16 +106,12 @@ class Noise(NamedTuple):
         counts : ndarray of bool, same shape, optional
             Where an innovation counts; all by default.
         """
-        out = windowed / self.sigma
+        windowed = np.ascontiguousarray(windowed, dtype=float)
+        out = np.empty(windowed.shape)
         for output, a in enumerate(self.coefficients):
-            scaled = windowed[:, :, output] / self.sigma[output]
-            for lag, coefficient in enumerate(a, start=1):
-                out[:, lag:, output] -= coefficient * scaled[:, :-lag]
             root = self.starting(output)
-            out[:, : a.size, output] = (
-                0.0
-                if root is None
-                else solve_triangular(root, scaled[:, : a.size].T, lower=True, check_finite=False).T
+            _autoregressed(
+                windowed, output, a, self.sigma[output], np.empty((0, 0)) if root is None else root, out
             )
             if self.average and self.average[output]:
                 b = self.average[output]
@@ -160,6 +157,27 @@ class Noise(NamedTuple):
                 trace = np.where(counts, trace, 0.0)
                 e, log_determinant = _from_a_level(e, trace, self.gone_after(before, output))
         return e, counts, log_determinant
+
+
+@njit(cache=True, nogil=True)
+def _autoregressed(windowed, output, a, sigma, root, out):
+    """Write the scaled innovations of an autoregression of one output.
+
+    The first samples of a window go by the root of their covariance; they are zero where it has none.
+    """
+    n_windows, n_samples = windowed.shape[:2]
+    first = min(a.size, n_samples)
+    for w in range(n_windows):
+        for k in range(first):
+            value = windowed[w, k, output] / sigma
+            for i in range(min(k, root.shape[0])):
+                value -= root[k, i] * out[w, i, output]
+            out[w, k, output] = value / root[k, k] if root.size else 0.0
+        for k in range(first, n_samples):
+            value = windowed[w, k, output]
+            for i in range(a.size):
+                value -= a[i] * windowed[w, k - 1 - i, output]
+            out[w, k, output] = value / sigma
 
 
 def _from_a_level(e: np.ndarray, trace: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:

@@ -96,7 +96,7 @@ class Problem:
         """Number of residuals that count."""
         return int(self.weighted.sum())
 
-    @property
+    @cached_property
     def weighted(self) -> np.ndarray:
         """Residuals that count, (W, L, n_outputs): seen, as is all that the noise remembers of."""
         counts = self.seen.copy()

@@ -288,6 +288,23 @@ def _settled_again(
     return noise, settled
 
 
+def _may_leave_less(problem: Problem, found: Fit, moved: Model) -> bool:
+    """Tell whether a model with its last effect at another time leaves less than what was found.
+
+    As far as tangents tell, of which only those of the effect are drawn anew: a part of the runs of a fit.
+    """
+    run = problem.run(moved)
+    own = moved.theirs[-1]
+    steps = np.zeros_like(found.steps)
+    steps[own] = found.steps[own]
+    columns = found.jacobian.copy()
+    columns[:, :, own] = found.projector(problem.parameter_sensitivity(moved, run, steps)[:, :, own])
+    residual = found.projector(problem.residual(run))
+    if not (np.isfinite(columns).all() and np.isfinite(residual).all()):
+        return True
+    return float(np.sum(out_of(columns, residual[:, :, None]) ** 2)) < found.cost
+
+
 def _near(candidates: list[Candidate]) -> list[Candidate]:
     """Return those of some candidates, best first, that ends settled more finely may bring to the front."""
     return [c for c in candidates if c.criterion < candidates[0].criterion + IN_REACH]
@@ -326,7 +343,10 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
                     continue
                 span = moved(span, end, way)
                 if max(span[0], first) + 2 * dt < min(span[1], last):
-                    trial = fit(problem, _in_span(best, span), iterations=SETTLED, rough=True)
+                    model = _in_span(best, span)
+                    if not _may_leave_less(problem, best.fit, model):
+                        continue
+                    trial = fit(problem, model, iterations=SETTLED, rough=True)
                     if trial.cost < best.fit.cost:
                         best = Candidate(trial, best.n_samples)
             step /= 2
