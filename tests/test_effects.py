@@ -712,6 +712,7 @@ class TestTransforms:
         c_low, c_high = low[1], high[1]
         reach = np.ptp(signal)
         assert (c_low, c_high) == pytest.approx((signal.min() - reach, signal.max() + reach))
+        assert high[2] == pytest.approx(0.25 * reach)  # rounded over more it would be any curve
 
     @given(c=st.floats(-50, 50), w=st.floats(0, 2))
     def test_a_dead_zone_moves_with_its_centre(self, c, w):

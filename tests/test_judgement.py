@@ -19,7 +19,13 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.judgement import _without_its_power
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
-from narx_sklearn.discrepancy.stages.refuted import Leftover, is_refuted, may_be_drift, only_stand_in
+from narx_sklearn.discrepancy.stages.refuted import (
+    Leftover,
+    is_refuted,
+    may_be_drift,
+    needs_wrong_parameters,
+    only_stand_in,
+)
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -241,6 +247,36 @@ def test_a_law_of_many_numbers_must_be_visibly_better(share, stand_in):
     assert law.n_values > two.n_values
     assert law.criterion < two.criterion - 12
     assert stands_in(problem, base, two, law, NOTHING_LEFT) == stand_in
+
+
+def test_a_likelier_law_that_acts_elsewhere_is_no_better_form_of_two_names():
+    problem, base, two = load_beside_friction()
+    surface = next(h.placed for h in surfaces(problem, base))
+    found = fit(problem, base.model._replace(effects=(surface,)), iterations=2)
+    law = Candidate(found._replace(cost=two.fit.cost - 0.003 * base.cost), problem.n_seen)
+    assert law.criterion < two.criterion - 12
+    assert not stands_in(problem, base, two, law, NOTHING_LEFT)
+    on_the_output = replace(surface, port=Port("output", 0))
+    elsewhere = replace(law, fit=law.fit._replace(model=law.fit.model._replace(effects=(on_the_output,))))
+    assert stands_in(problem, base, two, elsewhere, NOTHING_LEFT)
+
+
+@pytest.mark.parametrize(("off", "needs"), [(1.0, False), (5.0, True)])
+def test_names_that_need_parameters_that_nobody_is_so_wrong_about_give_way(off, needs):
+    """They leave next to nothing, but only with what is five times as far off as parameters are."""
+    problem, base, two = load_beside_friction()
+    nominal = problem.simulator.nominal
+    bent = problem.simulator.with_parameters(np.where(np.arange(nominal.size) == 0, nominal / off, nominal))
+    problem = replace(problem, simulator=bent)
+    run = problem.run(base.model)
+    structure = find_structure(problem.simulator, run.x, problem.u)
+    settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+    surface = next(h.placed for h in surfaces(problem, base))
+    at = two.fit.model._replace(p=np.array(bent.nominal), effects=(surface,))
+    law = Candidate(fit(problem, at, iterations=0)._replace(cost=two.fit.cost + 5.0), problem.n_seen)
+    asked = problem, base, two, law, structure, settings
+    assert needs_wrong_parameters(*asked) is needs
+    assert not needs_wrong_parameters(problem, base, two, None, structure, settings)
 
 
 def surfaces(problem, base):

@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.fitting.acting import (
     unit_added,
 )
 from narx_sklearn.discrepancy.location import Location
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_short
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
 from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, UNNAMED
@@ -73,7 +73,7 @@ def make_findings(
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, units, strict=True)),
                 lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
-                rivals=tuple(dict.fromkeys(in_short(_rivals(c, best)) for c in rivals)),
+                rivals=tuple(dict.fromkeys(_in_words(_rivals(c, best), simulator) for c in rivals)),
                 p_value=diagnosis.p_missing,
                 elsewhere=_elsewhere(diagnosis, i, simulator),
                 confidence=_confidence(diagnosis, i),
@@ -259,6 +259,10 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
     return [e for e in candidate.effects if e.place not in best.places]
 
 
+def _in_words(effects: Iterable[PlacedEffect], simulator: Simulator) -> str:
+    return " and ".join(f"{placed.effect.title} {place_in_words(placed, simulator)}" for placed in effects)
+
+
 def _has(placed: PlacedEffect) -> np.ndarray:
     """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms.
 
@@ -301,7 +305,7 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     """Return the units of the effect's parameters, with the port's and the argument's units put in."""
     port = correction_unit(placed, simulator)
     second = placed.second_unit or "-" if placed.second else port
-    argument = second if _is_fed(placed) else placed.argument_unit or "-"
+    argument = second if placed.is_fed else placed.argument_unit or "-"
     fill = {"port": port, "arg": argument, "second": second}
     units = [tidy_unit(p.unit.format(**fill)) for p in placed.effect.parameters]
     return units + ["-"] * (placed.onward >= 0)
@@ -324,16 +328,11 @@ def argument_told(placed: PlacedEffect) -> str:
     is_rate = placed.effect.argument == "own" and placed.effect.code not in UNNAMED
     letters = "sx" if placed.port.kind != "state" else "vxs" if is_rate else "xs"
     told = []
-    if not _is_fed(placed):
+    if not placed.is_fed:
         told.append(_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit))
     if placed.second:
         told.append(_letter(placed.effect.equation, SECOND_LETTERS, placed.second_name, placed.second_unit))
     return ", ".join(filter(None, told))
-
-
-def _is_fed(placed: PlacedEffect) -> bool:
-    """Tell whether an input stands in the argument's place."""
-    return placed.effect.second == "feed" and bool(placed.second)
 
 
 def _letter(equation: str, letters: str, name: str, unit: str) -> str:

@@ -35,7 +35,7 @@ class PlacedEffect:
         At a state port: the argument as a weighted sum of the states (a difference of two positions, say).
     second : tuple of float
         The second argument as a weighted sum of the inputs and then the states; empty for none. At an input
-        or output port the inputs alone count.
+        port the inputs alone count.
     onward : int
         State equation to which a share goes on, or that is pushed back; -1 for none.
     theta : tuple of float
@@ -158,6 +158,11 @@ class PlacedEffect:
         return self.onward >= 0 and not self.effect.onward
 
     @property
+    def is_fed(self) -> bool:
+        """Whether another signal stands in the argument's place."""
+        return self.effect.second == "feed" and bool(self.second)
+
+    @property
     def answer(self) -> float:
         """How fast the force changes its argument, if that is how fast two neighbours part; else 0."""
         if self.port.kind != "state" or np.count_nonzero(self.weights) < 2:
@@ -204,7 +209,8 @@ class PlacedEffect:
         weights = np.array(self.second)
         n_inputs = u.shape[1]
         own = u @ weights[:n_inputs]
-        return own if x is None else own + x @ weights[n_inputs:]
+        of_states = x is not None and weights[n_inputs:].any()
+        return own + x @ weights[n_inputs:] if of_states else own
 
 
 def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:

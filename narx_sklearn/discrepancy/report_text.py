@@ -117,7 +117,7 @@ def _what(dx) -> list[str]:
         if finding.elsewhere:
             lines.append(f"   It fits as well {', or '.join(finding.elsewhere)}.")
         if finding.rivals:
-            lines.append(f"   Just as likely on these data: {', '.join(finding.rivals)}.")
+            lines.append(f"   Just as likely on these data: {'; '.join(finding.rivals)}.")
             lines.append(f"   To tell them apart: {finding.separate_by}.")
         if not finding.modelled:
             lines.append(f"   What would tell more: {finding.separate_by}.")

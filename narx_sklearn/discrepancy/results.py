@@ -71,7 +71,7 @@ class Finding:
     separate_by : str, default=""
         What experiment tells it from its look-alikes; where it has no form, what would tell more.
     rivals : tuple of str, default=()
-        The look-alikes with their places, ``"code at port"``.
+        The look-alikes and their places, in words.
     elsewhere : tuple of str, default=()
         Other places, in words, where the same effect fits these data as well.
     confidence : float, default=0.0

@@ -82,9 +82,8 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
         signal = material.u if placed.port.kind == "input" else run.y
-        at = signal[rows, placed.port.index]
-        argument, fitted = signal_change(placed, signal, material.u, windows, rows, simulator.dt)
-        argument, fitted = (values[_thinned(rows)][acts[_thinned(rows)]] for values in (argument, fitted))
+        at, fitted = signal_change(placed, signal, material.u, run.x, windows, rows, simulator.dt)
+        argument, fitted = (values[_thinned(rows)][acts[_thinned(rows)]] for values in (at, fitted))
     rows, at, sure = rows[acts], at[acts], None if sure is None else sure[acts]
     table = force_curve(needed[rows], at, w_std=sure)
     table["fitted"] = _medians(fitted, argument, table["argument"].to_numpy())

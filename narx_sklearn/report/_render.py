@@ -44,7 +44,6 @@ from narx_sklearn.report._words import (
     number,
     parameter_table,
     percent,
-    readable,
     residual_sentence,
     residual_table,
     run_words,
@@ -410,7 +409,7 @@ def _what(dx, material: Material) -> list[dict]:
             {
                 "rank": rank,
                 "title": title,
-                "lookalikes": readable(finding.lookalikes),
+                "rivals": finding.rivals,
                 "finding": finding,
                 "table": finding_table(finding, dx.level),
                 "figure": _figure(effect_figure(curve, caption), caption),

@@ -100,14 +100,21 @@ def _step(placed: PlacedEffect, simulator: Simulator) -> float:
 
 
 def signal_change(
-    placed: PlacedEffect, signals: np.ndarray, u: np.ndarray, windows: Windows, rows: np.ndarray, dt: float
+    placed: PlacedEffect,
+    signals: np.ndarray,
+    u: np.ndarray,
+    x: np.ndarray,
+    windows: Windows,
+    rows: np.ndarray,
+    dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signal at an input or output port and what the effect adds to it."""
+    """Return what an effect at an input or output port depends on there, and what it adds to the signal."""
     signal = signals[rows, placed.port.index]
-    second = placed.second_of(u[rows])
+    second = placed.second_of(u[rows], x[rows])
     begin = np.searchsorted(rows, windows.first[windows.fresh])
     changed = placed.effect.transform(signal, second, dt, np.array(placed.theta), begin)
-    return signal, np.where(acts_along(placed, windows, rows, dt), changed - signal, 0.0)
+    added = np.where(acts_along(placed, windows, rows, dt), changed - signal, 0.0)
+    return (signal if second is None or not placed.is_fed else second), added
 
 
 def correction(
@@ -135,7 +142,7 @@ def correction(
         return rows[chosen], argument, added
     others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
     signals = problem.u if placed.port.kind == "input" else problem.run(others).y
-    argument, added = signal_change(placed, signals, problem.u, problem.windows, rows, simulator.dt)
+    argument, added = signal_change(placed, signals, problem.u, run.x, problem.windows, rows, simulator.dt)
     return rows[chosen], argument[chosen], added[chosen]
 
 

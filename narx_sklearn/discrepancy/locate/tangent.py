@@ -1,5 +1,6 @@
 """The tangent-linear model along a run: how small deviations travel and what the outputs show of them."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -126,10 +127,13 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
                 stepper.step(x, at_rest, p=p + sign * change * np.eye(p.size)[j])[0] for sign in (1, -1)
             )
             P[rows, :, j] = (high - low) / (2 * change)
-    for effect, slope in _sensor_slopes(simulator, sensors, raw, driven, windows):
-        C[:, effect.port.index] *= slope[:, None]
-        D[:, effect.port.index] *= slope[:, None]
-        F[:, effect.port.index] *= slope[:, None]
+    for effect, slope, of_second in _sensor_slopes(simulator, sensors, raw, driven, run.x, windows):
+        for slopes in (C, D, F):
+            slopes[:, effect.port.index] *= slope[:, None]
+        if of_second is not None:
+            weights = np.array(effect.second)
+            D[:, effect.port.index] += of_second[:, None] * weights[:n_inputs]
+            C[:, effect.port.index] += of_second[:, None] * weights[n_inputs:]
     return Tangent(A, B, G, C, D, P, F if simulator.sees_rates else None)
 
 
@@ -181,16 +185,28 @@ def _steps(signals: np.ndarray) -> np.ndarray:
     return RELATIVE_STEP * np.maximum(scale, 1e-3 * largest)
 
 
-def _sensor_slopes(simulator, sensors, raw, driven, windows):
-    """Yield each effect on an output with the slope of its transform there, shape (n_samples,)."""
+def _sensor_slopes(simulator, sensors, raw, driven, x, windows):
+    """Yield each effect on an output with the slopes of its transform there, shape (n_samples,).
+
+    That is by the output and by its second argument, None where it has none.
+    """
     for effect in sensors:
-        step = _steps(raw)[effect.port.index]
-        low, here, high = (
-            transformed(raw + move, "output", (effect,), (1.0,), driven, simulator.dt, windows)
-            for move in (-step, 0.0, step)
-        )
-        yield effect, (high - low)[:, effect.port.index] / (2 * step)
-        raw = here
+        port, second = effect.port.index, effect.second_of(driven, x)
+        # its second argument as the only input, which can be moved
+        alone = effect if second is None else replace(effect, second=(1.0,))
+        signal = driven if second is None else second[:, None]
+
+        def told(move=0.0, moved=0.0, alone=alone, raw=raw, signal=signal):
+            return transformed(raw + move, "output", (alone,), (1.0,), signal + moved, simulator.dt, windows)
+
+        step = _steps(raw)[port]
+        by_output = (told(step) - told(-step))[:, port] / (2 * step)
+        by_second = None
+        if second is not None:
+            step = _steps(signal)[0]
+            by_second = (told(moved=step) - told(moved=-step))[:, port] / (2 * step)
+        yield effect, by_output, by_second
+        raw = told()
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

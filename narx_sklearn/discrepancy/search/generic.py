@@ -114,7 +114,7 @@ def _force(argument, rate, own, second, time, step, z, theta, dz):
 
 def _transform(signal, second, dt, theta, first):
     knots = np.linspace(theta[KNOTS], theta[KNOTS + 1], KNOTS)
-    return signal + np.interp(signal, knots, theta[:KNOTS])
+    return signal + np.interp(signal if second is None else second, knots, theta[:KNOTS])
 
 
 @njit(nogil=True, cache=True)
@@ -311,6 +311,7 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
         found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
     for i, signal in enumerate(simulator.outputs):
         found.append(_at(Port("output", i), Argument((), *signal), y[:, i]))
+        found += _read(Port("output", i), simulator, structure, np.column_stack([u, x]))
     for i in np.flatnonzero(~structure.kinematic).tolist():
         port = Port("state", i)
         for argument in _moving(i, simulator, structure):
@@ -340,6 +341,29 @@ def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None
     fixed = (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
     names = [f"f{i + 1}" for i in range(KNOTS)]
     return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, argument)
+
+
+def _read(
+    port: Port, simulator: Simulator, structure: Structure, signals: np.ndarray
+) -> Iterator[Hypothesis | None]:
+    """Yield a curve of each signal of which an output is made, where these are several.
+
+    What one of them adds need not be in proportion to it, as what a current takes off a voltage.
+    """
+    read = np.flatnonzero(structure.read[port.index]).tolist()
+    if len(read) < 2:
+        return
+    for j in read:
+        signal = [*simulator.inputs, *simulator.states][j]
+        found = _at(port, Argument((), *signal), signals[:, j])
+        if found is not None:
+            fed = replace(found.placed.effect, second="feed", equation="f(w), a broken line")
+            weights = weights_of(signals.shape[1], {j: 1.0})
+            yield found._replace(
+                placed=replace(
+                    found.placed, effect=fed, second=weights, second_name=signal.name, second_unit=signal.unit
+                )
+            )
 
 
 def _of_motion(port: Port, argument: Argument, position: np.ndarray, dt: float) -> Hypothesis | None:

@@ -400,7 +400,7 @@ class _Material:
         """Return what the record shows at one place."""
         dt = self.simulator.dt
         kind, index = placed.port
-        second = placed.second_of(self.u, self.x if kind == "state" else None)
+        second = placed.second_of(self.u, None if kind == "input" else self.x)
         if kind == "state":
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)

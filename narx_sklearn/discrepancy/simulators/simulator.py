@@ -177,6 +177,15 @@ class Simulator(ABC):
             )
         return new
 
+    def with_bounds(self, bounds: np.ndarray) -> Self:
+        """Return a copy whose parameters may move within other bounds, (n_parameters, 2)."""
+        new = copy(self)
+        new.parameters = tuple(
+            p._replace(lower=float(low), upper=float(high))
+            for p, (low, high) in zip(self.parameters, bounds, strict=True)
+        )
+        return new
+
     def with_effects(self, effects: Sequence[PlacedEffect]) -> Self:
         """Return a copy in which these effects act (and no others)."""
         new = copy(self)
@@ -240,7 +249,7 @@ class Simulator(ABC):
             )
         except Exception as error:
             raise _stopped_by(error, x, windows, self.dt) from error
-        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within)
+        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within, x=x)
         return Run(y, x, z, failed)
 
     def steps_wanted(self, x: np.ndarray, u: np.ndarray) -> int:
@@ -407,9 +416,9 @@ def _slots(forces, n_inputs: int, n_states: int):
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
 
 
-def transformed(signals, kind, effects, strength, driven, dt, windows: Windows) -> np.ndarray:
+def transformed(signals, kind, effects, strength, driven, dt, windows: Windows, x=None) -> np.ndarray:
     """Return signals with the effects at ports of one kind applied, session by session."""
-    return _applied(signals, kind, effects, strength, driven, dt, windows)[0]
+    return _applied(signals, kind, effects, strength, driven, dt, windows, x=x)[0]
 
 
 @np.errstate(invalid="ignore", over="ignore")  # behind a run that is lost everything is
@@ -423,8 +432,11 @@ def _applied(
     windows: Windows,
     is_held: bool = False,
     within: np.ndarray | None = None,
+    x: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return signals with effects applied, and by how much they then rise within each step, if they do.
+
+    On outputs they may depend on inputs as ``driven`` and on states ``x``.
 
     What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
     signals are means over the steps, and the rise is that of the straight line of least squares. Where the
@@ -441,7 +453,7 @@ def _applied(
         if out is signals:
             out = signals.copy()
         column = out[:, placed.port.index].copy()
-        other = placed.second_of(signals if driven is None else driven)
+        other = placed.second_of(signals if driven is None else driven, x)
         # an effect has acted since the session began, also where no window is and its memory waits
         keep, age, begin = _since_the_sessions_began(windows)
         if placed.effect.instants:  # its time is that of the whole record

@@ -26,6 +26,7 @@ class Structure(NamedTuple):
     inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
     gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
+    read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -71,18 +72,23 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
     p = simulator.nominal
     p_size = np.where(p != 0, np.abs(p), 1.0)
-    Jx, Ju, Jp, elsewhere = [], [], [], []
+    Jx, Ju, Jp, elsewhere, Jy = [], [], [], [], []
     for k, other in zip(points, np.roll(points, 1), strict=True):
         at_x, at_u = simulator.switches.clear_of(x[k], STEP * x_size), u[k]
 
         def rates(x=at_x, u=at_u, p=None):
             return evaluate(simulator, x, u, p)[0]
 
+        def outputs(signals, at_u=at_u):
+            return evaluate(simulator, signals[at_u.size :], signals[: at_u.size])[1]
+
+        size = np.concatenate([u_size, x_size])
+        Jy.append(central_differences(outputs, np.concatenate([at_u, at_x]), STEP * size) * size)
         Jx.append(central_differences(lambda v, rates=rates: rates(x=v), at_x, STEP * x_size))
         Ju.append(central_differences(lambda v, rates=rates: rates(u=v), at_u, STEP * u_size))
         Jp.append(central_differences(lambda v, rates=rates: rates(p=v), p, STEP * p_size))
         elsewhere.append(central_differences(lambda v, rates=rates: rates(u=v), u[other], STEP * u_size))
-    Jx, Ju, Jp, elsewhere = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp, elsewhere))
+    Jx, Ju, Jp, elsewhere, Jy = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp, elsewhere, Jy))
     weight = np.abs(Jx) * x_size
     largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
     depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
@@ -110,7 +116,11 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         most = np.abs(Ju).max(axis=0)
         of_states = np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most
         varies = of_states & (np.ptp(Ju, axis=0) > UNEVEN * most)
-    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain, varies)
+    read = np.zeros((len(simulator.outputs), u.shape[1] + n), dtype=bool)
+    if len(Jy):
+        felt = np.abs(Jy).max(axis=0)
+        read = felt > ALIKE * felt.max(axis=1, keepdims=True)
+    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain, varies, read)
 
 
 def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[Signal]) -> bool:

@@ -1,6 +1,7 @@
 """The search for what is missing, under noise whose colour is estimated from what the search leaves."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -172,6 +173,15 @@ def went_far(p: np.ndarray, nominal: np.ndarray) -> bool:
     """Tell whether parameters went farther from their nominal values than anybody is wrong about them."""
     near = (np.abs(p) <= FAR * np.abs(nominal)) & (np.abs(nominal) <= FAR * np.abs(p))
     return not np.all(near | (nominal == 0))
+
+
+def kept_near(problem: Problem) -> Problem:
+    """Return the problem with parameters that stay within what anybody may be wrong about them."""
+    simulator = problem.simulator
+    nominal = simulator.nominal
+    ends = np.sort(np.column_stack([nominal / FAR, nominal * FAR]), axis=1)
+    bounds = np.where(nominal[:, None] == 0, simulator.bounds, np.clip(ends, *simulator.bounds.T[:, :, None]))
+    return replace(problem, simulator=simulator.with_bounds(bounds))
 
 
 def _steps(

@@ -65,7 +65,10 @@ def _taken(bank: Bank) -> float:
 
 def _along(one: PlacedEffect, other: PlacedEffect) -> bool:
     """Tell whether two effects act at one place and depend on one signal."""
-    return one.port == other.port and (one.port.kind != "state" or one.weights == other.weights)
+    if one.port.kind == "state":
+        return one.port == other.port and one.weights == other.weights
+    own, others = (effect.second if effect.is_fed else () for effect in (one, other))
+    return one.port == other.port and own == others
 
 
 def _is_form(

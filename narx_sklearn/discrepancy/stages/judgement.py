@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     left_that_is_no_noise,
     leftover_of,
     may_be_drift,
+    needs_wrong_parameters,
     only_stand_in,
 )
 from narx_sklearn.discrepancy.stages.remainder import Sign
@@ -78,6 +79,9 @@ def _judged(
     named = "ambiguous" if any(alternatives) else "explained"
     if may_be_drift(problem.noise, best, alternatives):  # its course is as it may be
         return Judgement(named, best, alternatives, unnamed)
+    if needs_wrong_parameters(problem, refitted, best, unnamed, structure, settings):
+        assert unnamed is not None
+        return Judgement("unknown", unnamed, ((),) * len(unnamed.effects), unnamed, stand_in=True)
     if (other := with_another_power(problem, best, settings.alpha)) is not None:
         as_likely = [
             c for c in _without_its_power(best, other, alternatives) if c.criterion <= other.criterion

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of
+from narx_sklearn.discrepancy.stages.coloured_search import converged, hypotheses_of, kept_near, went_far
 from narx_sklearn.discrepancy.stages.forms import FORM
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves_along
@@ -88,16 +88,19 @@ def only_stand_in(
 ) -> bool:
     """Tell whether effects that act together were bent to a law that is none of them.
 
-    One that has no name is then likelier, and simpler or visibly better, or they visibly leave something
-    where they act that is no matter of their own forms. What is left for one more name may be physics too,
-    unless all are of one kind (sines, of which a series makes anything).
+    One that has no name is then likelier, and simpler, visibly better or no form of theirs, for it acts
+    elsewhere; or they visibly leave something where they act that is no matter of their own forms. What is
+    left for one more name may be physics too, unless all are of one kind (sines, of which a series makes
+    anything).
     """
     if len(best.effects) < 2:
         return False
     if unnamed is not None and _is_likelier(unnamed, best):
         better = best.fit.cost - unnamed.fit.cost
         is_simpler = unnamed.n_values <= best.n_values
-        if is_simpler or better > REFINES * (refitted.cost - unnamed.fit.cost):
+        law_at = unnamed.effects[0].port
+        acts_there = any(structure.share_equation(effect.port, law_at) for effect in best.effects)
+        if is_simpler or not acts_there or better > REFINES * (refitted.cost - unnamed.fit.cost):
             return True
     is_series = len({effect.effect.code for effect in best.effects}) == 1
 
@@ -109,6 +112,28 @@ def only_stand_in(
         return False
     forms = own_forms()
     return not forms or refuted_by(leftover_of(problem, best, structure, settings, forms))
+
+
+def needs_wrong_parameters(
+    problem: Problem,
+    refitted: Fit,
+    best: Candidate,
+    unnamed: Candidate | None,
+    structure: Structure,
+    settings: Settings,
+) -> bool:
+    """Tell whether names outdo what has no name only with parameters that nobody is so wrong about.
+
+    Two names on one signal make nearly any law of it, with a gain that is many times what it was.
+    """
+    nominal = problem.simulator.nominal
+    if unnamed is None or not went_far(best.fit.model.p, nominal) or went_far(unnamed.fit.model.p, nominal):
+        return False
+    sober = converged(kept_near(problem), best, settings.n_jobs)
+    nothing_left = Leftover(1.0, 0.0)
+    return is_refuted(refitted, sober, unnamed, nothing_left, settings.alpha) or only_stand_in(
+        problem, refitted, sober, unnamed, nothing_left, structure, settings, list
+    )
 
 
 def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:

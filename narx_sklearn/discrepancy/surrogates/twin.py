@@ -258,7 +258,9 @@ class TwinSimulator(Simulator):
             run = super().run(u, windows, x0, p, *_separated(within))
             if self._corrected:
                 run = run._replace(y=run.y + self._correction(u, driven, p, pieces))
-        return run._replace(y=transformed(run.y, "output", effects, strength, driven, self.dt, windows))
+        return run._replace(
+            y=transformed(run.y, "output", effects, strength, driven, self.dt, windows, run.x)
+        )
 
     def missed(self, u, windows: Windows) -> np.ndarray:
         """Return what the twin gets wrong of the simulator's own output, (n_samples, n_outputs)."""

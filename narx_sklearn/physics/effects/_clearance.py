@@ -21,6 +21,7 @@ from narx_sklearn.physics.effects._starts import (
 
 N_GAPS = 4  # that share a play whose corners are rounded
 ROUNDED = 0.1  # of the half-width of a play or a dead zone: the rounding of its corners to begin with
+WIDEST = 0.25  # of the range of the commands, over which an edge of a dead zone is rounded
 MET = (0.15, 0.05, 0.015)  # shares of the time, that an end stop is met to begin with
 
 
@@ -109,10 +110,13 @@ def _dead_zone_starts(setting: Setting) -> np.ndarray:
 
 
 def _dead_zone_limits(setting: Setting) -> np.ndarray:
-    """Keep the zone within sight: one farther off is an offset."""
+    """Keep the zone within sight, and its edges edges.
+
+    One farther off is an offset, and one rounded over all that is commanded any curve.
+    """
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     reach = highest - lowest
-    return np.array([[0.0, 2 * reach], [lowest - reach, highest + reach], [0.0, 2 * reach]])
+    return np.array([[0.0, 2 * reach], [lowest - reach, highest + reach], [0.0, WIDEST * reach]])
 
 
 def _half_widths(distance: np.ndarray) -> np.ndarray:
