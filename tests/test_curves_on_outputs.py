@@ -19,14 +19,14 @@ FULL = [0.9, 0.0]
 
 
 def cell(x, u, p):
-    return -u[0] / 4000.0, (u[0] - x[1]) / p[2]
+    return -u[0] / 2000.0, (u[0] - x[1]) / p[2]
 
 
-def voltage(x, u, p):
-    return (3.4 + p[0] * x[0] - p[1] * (u[0] + x[1]),)
+def measured(x, u, p):
+    return 3.4 + p[0] * x[0] - p[1] * (u[0] + x[1]), x[0]
 
 
-def make(factor=1.0, output=voltage):
+def make(factor=1.0, output=measured, outputs=("voltage [V]", "counted charge")):
     """A cell of a battery; the voltage sinks with the current, at once and late, and with the charge."""
     return ODESimulator(
         cell,
@@ -35,23 +35,23 @@ def make(factor=1.0, output=voltage):
         states=["charge", "late current [A]"],
         inputs=["current [A]"],
         output=output,
-        outputs=["voltage [V]"],
+        outputs=list(outputs),
     )
 
 
 def current(n=N, seed=0):
-    """Of a drive that is charged at times."""
-    slow = 8.0 * np.sin(2 * np.pi * np.arange(n) / 400.0)
+    """Of a battery that drives and is charged in turn."""
+    slow = 8.0 * np.sin(2 * np.pi * np.arange(n) / 200.0)
     return slow[:, None] + np.repeat(np.random.default_rng(seed).uniform(-4.0, 4.0, n // 20), 20)[:, None]
 
 
 def recorded(u, of_charge=0.0, of_current=0.0, seed=1):
     def bent(x, u, p):
         plain = 3.4 + 0.8 * x[0] - 0.02 * (u[0] + x[1])
-        return (plain - of_charge * np.exp((0.6 - x[0]) / 0.1) - of_current * np.exp(u[0] / 3.0),)
+        return plain - of_charge * np.exp((0.6 - x[0]) / 0.1) - of_current * np.exp(u[0] / 3.0), x[0]
 
     y = make(output=bent).simulate(u, x0=FULL)
-    return y + 0.002 * np.random.default_rng(seed).normal(size=y.shape)
+    return y + [0.002, 0.001] * np.random.default_rng(seed).normal(size=y.shape)
 
 
 def curves(simulator, u):
@@ -66,18 +66,21 @@ def curves(simulator, u):
 
 def test_what_an_output_is_made_of_is_found_at_points_of_a_run():
     structure, found = curves(make(), current(200))
-    assert structure.read.tolist() == [[True, True, True]]
+    assert structure.read.tolist() == [[True, True, True], [False, True, False]]
     assert [(c.argument_name, c.is_fed) for c in found] == [
         ("voltage", False),
         ("current", True),
         ("charge", True),
         ("late current", True),
+        ("counted charge", False),
     ]
-    assert [c.second for c in found] == [(), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    assert [c.second for c in found] == [(), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), ()]
 
 
 def test_an_output_of_one_signal_has_one_curve():
-    structure, found = curves(make(output=lambda x, u, p: (2.0 * x[0],)), current(200))
+    structure, found = curves(
+        make(output=lambda x, u, p: (2.0 * x[0],), outputs=["voltage [V]"]), current(200)
+    )
     assert structure.read.tolist() == [[False, True, False]]
     assert [c.argument_name for c in found] == ["voltage"]
 
@@ -139,11 +142,12 @@ def test_a_curve_of_another_signal_is_no_form_of_one_of_the_output(acting):
 @pytest.mark.parametrize(
     ("of_charge", "of_current", "argument"),
     [
-        pytest.param(0.15, 0.0, "charge", marks=pytest.mark.long),
+        pytest.param(0.1, 0.0, "charge", marks=pytest.mark.long),
         (0.0, 0.005, "current [A]"),
     ],
 )
 def test_a_diagnosis_tells_the_curve_and_keeps_the_parameters_right(of_charge, of_current, argument):
+    """No name takes off what the test finds, and noise that drifts would be as likely as any of them."""
     u = current(seed=2)
     y = recorded(u, of_charge, of_current)
     effects = ["sensor_clip", "input_polynomial", "dead_zone"]
@@ -153,8 +157,8 @@ def test_a_diagnosis_tells_the_curve_and_keeps_the_parameters_right(of_charge, o
     assert (finding.effect, finding.port) == ("unknown", "output:0")
     assert dx.simulator_.effects[0].effect.code == CURVE
     assert finding.argument == f"w = {argument}"
-    assert dx.scores_.loc["augmented", "nrmse"] < 0.3 * dx.scores_.loc["refitted", "nrmse"]
+    assert dx.scores_.loc["augmented", "nrmse"] < 0.5 * dx.scores_.loc["refitted", "nrmse"]
     other = current(seed=3)
-    clean, told = recorded(other, of_charge, of_current), dx.simulator_.simulate(other, x0=FULL)
-    refitted = dx.refitted_simulator_.simulate(other, x0=FULL)
-    assert np.std(told - clean) < 0.3 * np.std(refitted - clean)
+    y = recorded(other, of_charge, of_current)
+    refitted, told = (s.simulate(other, x0=FULL) for s in (dx.refitted_simulator_, dx.simulator_))
+    assert np.std((told - y)[:, 0]) < 0.4 * np.std((refitted - y)[:, 0])

@@ -176,10 +176,14 @@ class TestWhatHarmsWholeRunsAlone:
 
         def worse(*args):
             table = scored(*args)
-            table.loc["augmented", ["nrmse", "removed_high"]] = table["nrmse"]["refitted"] * 2, -1.0
+            table.loc["augmented", ["nrmse", "removed_high"]] = table["nrmse"]["refitted"] * times, -1.0
             return table
 
-        def make_worse():
+        times = 1.5
+
+        def make_worse(by=times):
+            nonlocal times
+            times = by
             monkeypatch.setattr(conclusion, "score_table", worse)
 
         return make_worse
@@ -201,6 +205,10 @@ class TestWhatHarmsWholeRunsAlone:
         assert not dx.simulator_.effects
         assert "but whole runs harm: the corrected simulation leaves it out" in " ".join(dx.report_.split())
         assert "whole runs harm" not in usual.report_
+        in_whole_runs(100.0)  # as the nominal simulation does not: nothing that is right runs off
+        dx.fit(u, y)
+        assert dx.verdict_ == "unknown"
+        assert not dx.simulator_.effects
 
     def test_is_no_explanation_of_a_machine_that_forgets(self, in_whole_runs):
         def hardens(x, u, p):

@@ -32,6 +32,7 @@ from narx_sklearn.discrepancy.verify import (
 )
 
 ALIKE = 0.99  # confidence with which several sessions began off a memory's middle
+RUNS_OFF = 2.0  # times what a simulation leaves of whole runs, refitted or not, that no explanation does
 HARM = 0.01  # chance that what the uncertainty of parameters costs on other samples is taken for harm
 
 
@@ -83,6 +84,17 @@ class Conclusion:
     def is_worse(self) -> bool:
         """Whether what was tried is surely worse than a refit in whole runs, where small errors add up."""
         return not self.scores.empty and bool(self.scores["removed_high"]["augmented"] < 0)
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether what was tried runs off, beside the simulator as it was given and as it was refitted.
+
+        Where small errors add up the right effect may do harm, but not as much.
+        """
+        if not self.is_worse:
+            return False
+        errors = self.scores["nrmse"]
+        return bool(errors["augmented"] > RUNS_OFF * max(errors["nominal"], errors["refitted"]))
 
     @property
     def leaves_all_out(self) -> bool:
@@ -223,7 +235,7 @@ def _held_against(
 
     What makes them worse is not used, and is no explanation, unless it drifts, or acted when the fit ended:
     nobody can foresee its course, or when it ends. What makes only whole runs worse is not used; of a machine
-    that adds up small errors it may be an explanation nevertheless.
+    that adds up small errors it may be an explanation nevertheless, unless it runs off.
     """
     simulator, best = diagnosis.problem.simulator, diagnosis.best
     found = simulator
@@ -244,7 +256,8 @@ def _held_against(
         if without_drifts is not None:
             whole = without_drifts
         elif not harms:
-            whole = replace(whole, corrected=whole.refitted)
+            verdict = "unknown" if whole.is_lost else whole.verdict
+            whole = replace(whole, verdict=verdict, corrected=whole.refitted)
         else:
             # what began may have ended since; an offset would have stayed
             ended = only_where_fitted(diagnosis.problem, best)

@@ -249,18 +249,23 @@ def _unless_noise(
 ) -> tuple[Searched, Judgement | None, float]:
     """Return the search and what is said where none found anything, and the p-value: the rest must be noise.
 
-    Where it is none, what acts for half of the time may have bent all that was fitted.
+    Where it is none, what acts for half of the time may have bent all that was fitted. Where the test says
+    that something is missing, but no name takes it off, a law without one may.
     """
     problem, refitted, _ = searched
     settings.tell("is what is left over noise?")
     remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
+    nothing = Candidate(refitted, problem.n_seen)
     if remainder.p_value > settings.alpha_nameless:
-        return searched, found, searched.p_value
+        if searched.p_value <= settings.alpha:
+            law = best_unnamed(problem, refitted, nothing, structure, settings, searched.hypotheses)
+            if law is not None and is_explained_by(problem, nothing, law, structure, settings):
+                return searched, Judgement("unknown", law, ((),), law), searched.p_value
+        return searched, found, max(searched.p_value, remainder.p_value)
     in_part = search_in_spans(large_parts(problem), stretches.p, searched, structure, settings)
     named = in_part and judge(in_part, structure, settings)
     if in_part and named and named.verdict != "unknown":
         return in_part, named, in_part.p_value
-    nothing = Candidate(refitted, problem.n_seen)
     unnamed, against_noise = None, remainder.speaking(settings.alpha_nameless)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
     if waves or any(sign.kind == "follows" for sign in against_noise):
