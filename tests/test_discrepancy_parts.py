@@ -392,6 +392,21 @@ class TestNoise:
         np.testing.assert_allclose(np.sum(e**2, axis=(1, 2)), expected, rtol=1e-9)
         assert determinant == pytest.approx(sum(np.linalg.slogdet(v)[1] for v in V), rel=1e-9)
 
+    @pytest.mark.parametrize(("a", "b"), [([0.9], 0.0), ([0.5, -0.3], 0.0), ([1.0], 0.95), ([0.97], 0.9)])
+    def test_innovations_from_zero_are_those_of_filters_in_a_row(self, a, b):
+        rng = np.random.default_rng(0)
+        signals, seen = rng.normal(size=(3, 60, 4)), rng.random((3, 60)) > 0.1
+        signals[~seen] = 0.0
+        noise = Noise((np.array(a),), np.array([1.0]), (b,))
+        e, counts, _ = noise.innovations_from_zero(signals, seen, 0)
+        plain = lfilter([1.0, *-np.array(a)], [1.0], signals, axis=1)
+        if b:
+            plain = lfilter([1.0], [1.0, -b], np.where(counts[:, :, None], plain, 0.0), axis=1)
+        begun = 0 if b else len(a)  # there the covariance of the first samples counts, as is tested above
+        np.testing.assert_allclose(e[:, begun:], plain[:, begun:], atol=1e-12)
+        some, _, _ = noise.innovations_from_zero(signals[:, :, ::2], seen, 0)
+        np.testing.assert_array_equal(some, e[:, :, ::2])
+
     def test_a_run_that_leaves_the_finite_range_has_no_finite_innovations(self):
         signal = np.ones((2, 20, 1))
         signal[1, 1:] = [[np.inf], [np.nan], *[[1.0]] * 17]

@@ -141,21 +141,20 @@ class Noise(NamedTuple):
         """
         a, b = self.colour(output)
         root = None if b else self.starting(output)
-        e, counts = lfilter(np.r_[1.0, -a], [1.0], signals, axis=1), seen.copy()
-        log_determinant = 0.0
+        counts, log_determinant, first = seen.copy(), 0.0, np.empty((0, 0))
         for lag in range(1, a.size + 1):
             counts[:, lag:] &= seen[:, :-lag]
         if a.size and root is not None:
-            e[:, : a.size] = np.einsum("ij,sjk->sik", np.linalg.inv(root), signals[:, : a.size])
+            first = np.linalg.inv(root)
             log_determinant = 2 * len(seen) * float(np.log(np.diag(root)).sum())
-        if b:
-            e = lfilter([1.0], [1.0, -b], np.where(counts[:, :, None], e, 0.0), axis=1)
-            if before is not None and before.any():
-                level = np.where(seen, a[0] ** np.arange(seen.shape[1]), 0.0)
-                trace = lfilter([1.0, -a[0]], [1.0], level, axis=1)
-                trace = lfilter([1.0], [1.0, -b], np.where(counts, trace, 0.0), axis=1)
-                trace = np.where(counts, trace, 0.0)
-                e, log_determinant = _from_a_level(e, trace, self.gone_after(before, output))
+        e = np.empty(signals.shape)
+        _innovated(signals, counts, a, b, first, e)
+        if b and before is not None and before.any():
+            level = np.where(seen, a[0] ** np.arange(seen.shape[1]), 0.0)
+            trace = np.empty((*level.shape, 1))
+            _innovated(level[:, :, None], counts, a, b, first, trace)
+            trace = np.where(counts, trace[:, :, 0], 0.0)
+            e, log_determinant = _from_a_level(e, trace, self.gone_after(before, output))
         return e, counts, log_determinant
 
 
@@ -178,6 +177,32 @@ def _autoregressed(windowed, output, a, sigma, root, out):
             for i in range(a.size):
                 value -= a[i] * windowed[w, k - 1 - i, output]
             out[w, k, output] = value / sigma
+
+
+@njit(cache=True, nogil=True)
+def _innovated(signals, counts, a, b, first, out):
+    """Write the innovations of signals (n_stretches, n_samples, n_signals) that were zero before.
+
+    The matrix ``first`` takes the first samples of a stretch to theirs, where their whole covariance counts.
+    """
+    n_stretches, n_samples, n_signals = signals.shape
+    for s in range(n_stretches):
+        for k in range(n_samples):
+            row = out[s, k]
+            row[:] = 0.0
+            if k < first.shape[0]:
+                for i in range(min(first.shape[0], n_samples)):
+                    for c in range(n_signals):
+                        row[c] += first[k, i] * signals[s, i, c]
+            elif b == 0.0 or counts[s, k]:
+                for c in range(n_signals):
+                    row[c] = signals[s, k, c]
+                for i in range(min(a.size, k)):
+                    for c in range(n_signals):
+                        row[c] -= a[i] * signals[s, k - 1 - i, c]
+            if b != 0.0 and k > 0:
+                for c in range(n_signals):
+                    row[c] += b * out[s, k - 1, c]
 
 
 def _from_a_level(e: np.ndarray, trace: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, float]:

@@ -141,21 +141,21 @@ class Contrasts:
 
         How large noise is on one output beside another is that of all rests together.
         """
-        whitened, weights = [], []
+        n_columns, n, weights = self.n_columns, 0, []
+        products, squares = np.zeros((n_columns, self.signals.shape[3])), np.zeros(self.n_rests)
         deviance = noise.n_parameters * COLOUR
-        n_columns = self.n_columns
         for output in range(self.unit.size):
             seen, signals = self.seen[:, :, output], self.signals[:, :, output]
             e, counts, log_determinant = noise.innovations_from_zero(signals, seen, output, self.before)
-            e = e[counts]
-            size = np.sqrt(max(float(np.mean(e[:, n_columns:] ** 2)), 1e-300)) if len(e) else 1.0
-            whitened.append(e / size)
+            e = e.reshape(-1, e.shape[2]) if counts.all() else e[counts]
+            own = np.einsum("ij,ij->j", e[:, n_columns:], e[:, n_columns:])
+            size = np.sqrt(max(float(own.mean()) / len(e), 1e-300)) if len(e) else 1.0
+            products += e[:, :n_columns].T @ e / size**2
+            squares += own / size**2
+            n += len(e)
             weights.append(size)
             deviance += log_determinant + 2 * np.log(size) * len(e)
-        columns = sum(e[:, :n_columns].T @ e[:, :n_columns] for e in whitened)
-        with_rests = sum(e[:, :n_columns].T @ e[:, n_columns:] for e in whitened)
-        squares = sum(np.einsum("ij,ij->j", e[:, n_columns:], e[:, n_columns:]) for e in whitened)
-        n, k = sum(len(e) for e in whitened), self.n_nuisances
+        columns, with_rests, k = products[:, :n_columns], products[:, n_columns:], self.n_nuisances
         left = _left_by(columns, with_rests, squares)
         cost = np.maximum(left, 1e-300) / max(n - k, 1)
         deviance += _log_determinant(columns[:k, :k])
