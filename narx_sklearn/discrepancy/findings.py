@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
 from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, UNNAMED
 from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
-from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
@@ -80,6 +80,7 @@ def make_findings(
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
                 during=placed.during if placed.passes else None,
+                in_sessions=sessions_in_words(placed, diagnosis.problem.windows, simulator.dt),
                 untold=tuple(compress(names, untold)),
                 together=_together(diagnosis, i),
                 adds=(float(added[i][1].min()), float(added[i][1].max())) if added[i][1].size else None,
@@ -114,6 +115,42 @@ def _added(diagnosis: Diagnosis) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         _, argument, added = correction(problem, model, run, index, rows, MOST_ASKED)
         known = np.isfinite(added)
         yield argument[known], added[known]
+
+
+def sessions_in_words(placed: PlacedEffect, windows: Windows, dt: float) -> str:
+    """Return in which sessions an effect acts; empty where it acts alike in all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.findings import sessions_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> load = PlacedEffect(
+    ...     CATALOGUE["constant_load"], Port("state", 0), (1.0,), during=(10.0, 20.0), along_record=True
+    ... )
+    >>> first = np.array([0, 100, 200])
+    >>> sessions_in_words(load, Windows(first, first + 80, np.ones(3, dtype=bool), first), dt=0.1)
+    'in session 2 of 3'
+    """
+    if not placed.along_record:
+        return ""
+    began = np.unique(windows.began)
+    own = windows.began == began[:, None]
+    first = np.array([windows.first[of].min() for of in own])
+    last = np.array([windows.last[of].max() for of in own]) - 1
+    begins, ends = (placed.acts_at(samples, began, dt) for samples in (first, last))
+    touched = (placed.during[0] < (last + 1) * dt) & (placed.during[1] > first * dt)
+    if not np.array_equal(begins & ends, touched):
+        either = zip(("from", "until"), placed.during, strict=True)
+        told = [f"{word} {in_seconds(end)}" for word, end in either if np.isfinite(end)]
+        return " ".join([*told, "along the record"])
+    numbers = (np.flatnonzero(touched) + 1).tolist()
+    if len(numbers) > 1 and numbers[-1] == began.size:
+        return f"from session {numbers[0]} of {began.size} on"
+    these = f"sessions {numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"session {numbers[0]}"
+    return f"in {these} of {began.size}"
 
 
 def where_in_words(placed: PlacedEffect, argument: np.ndarray, added: np.ndarray) -> str:

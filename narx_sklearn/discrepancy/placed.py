@@ -57,6 +57,9 @@ class PlacedEffect:
         Whether one meets the effect elsewhere, not at such a place.
     during : tuple of (float, float)
         Seconds since a session began, from the first of which it acts until the second; always by default.
+    along_record : bool
+        Whether those seconds are counted along the whole record: then it acts in the sessions that they
+        cover.
     limits : tuple of (float, float)
         Of each parameter, between which it means on a record what it is called; none by default.
     """
@@ -76,6 +79,7 @@ class PlacedEffect:
     inertial: bool = False
     odd: bool = False
     during: tuple[float, float] = ALWAYS
+    along_record: bool = False
     limits: tuple[tuple[float, float], ...] = ()
 
     def at(self, theta) -> "PlacedEffect":
@@ -105,7 +109,8 @@ class PlacedEffect:
     def place(self) -> tuple:
         """Everything but the parameter values: two of one place are the same hypothesis."""
         ways = self.onward, self.through
-        return (self.effect.code, self.port, self.weights, self.second, *ways, self.during)
+        time = self.during, self.along_record
+        return (self.effect.code, self.port, self.weights, self.second, *ways, *time)
 
     @property
     def passes(self) -> bool:
@@ -114,16 +119,23 @@ class PlacedEffect:
 
     def always(self) -> "PlacedEffect":
         """Return it acting at all times."""
-        return replace(self, during=ALWAYS)
+        return replace(self, during=ALWAYS, along_record=False)
+
+    def in_session(self, began: int, dt: float) -> "PlacedEffect":
+        """Return it with its time counted in a session that begins at a sample of the record."""
+        if not self.along_record:
+            return self
+        begins, ends = (end - began * dt for end in self.during)
+        return replace(self, during=(begins, ends), along_record=False)
 
     def begun_anew(self) -> "PlacedEffect":
         """Return it as it begins another record: memories in the middle, what follows a command there."""
         begin = self.effect.begin
         return self if begin is None else self.at([*self.theta[:begin], 0.0, *self.theta[begin + 1 :]])
 
-    def acts_at(self, time: np.ndarray) -> np.ndarray:
-        """Tell, for times since a session began, s, whether it acts."""
-        return within(self.during, time)
+    def acts_at(self, samples: np.ndarray, began: np.ndarray, dt: float) -> np.ndarray:
+        """Tell, for samples of a record and the first ones of their sessions, whether it acts."""
+        return within(self.during, (samples - (0 if self.along_record else began)) * dt)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -221,12 +233,15 @@ def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
 def for_other_records(
     effects: Iterable[PlacedEffect], beginning_alike: Collection[tuple] = ()
 ) -> tuple[PlacedEffect, ...]:
-    """Return effects as they act in other records: what happened once does not, and memories begin anew.
+    """Return effects as they act in other records, where memories begin anew.
 
-    Those at places that are ``beginning_alike`` begin as they did.
+    What happened once, or in some sessions only, does not act there. Those at places that are
+    ``beginning_alike`` begin as they did.
     """
     return tuple(
-        placed if placed.place in beginning_alike else placed.begun_anew() for placed in that_recur(effects)
+        placed if placed.place in beginning_alike else placed.begun_anew()
+        for placed in that_recur(effects)
+        if not placed.along_record
     )
 
 

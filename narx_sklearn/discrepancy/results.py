@@ -78,7 +78,9 @@ class Finding:
         Weight of this effect among all that were tried in its place.
     during : tuple of (float, float), default=None
         Seconds since the session began, of each where there are several, between which it acts; None where it
-        always does.
+        always does. Where it acts ``in_sessions``, seconds along the whole record.
+    in_sessions : str, default=""
+        In which sessions it acts, in words; empty where it acts alike in all.
     evidence : dict, default=None
         Numbers behind it; for what is no noise but has no form, the p-values of what speaks against noise:
         ``"follows"`` the motion, its ``"size"`` does, ``"bursts"``, a ``"line"``,
@@ -117,6 +119,7 @@ class Finding:
     elsewhere: tuple[str, ...] = ()
     confidence: float = 0.0
     during: tuple[float, float] | None = None
+    in_sessions: str = ""
     evidence: dict | None = None
     untold: tuple[str, ...] = ()
     together: tuple[str, ...] = ()
@@ -136,9 +139,11 @@ class Finding:
 
     @property
     def when(self) -> str:
-        """When it acts: "" (always), ", from 3 s to 7.5 s", ", from 3 s on", ", until 7.5 s"."""
+        """When it acts: "" (always), ", from 3 s to 7.5 s", ", from 3 s on", ", in session 2"."""
         if self.during is None:
             return ""
+        if self.in_sessions:
+            return f", {self.in_sessions}"
         begins, ends = self.during
         if not np.isfinite(begins):
             return f", until {in_seconds(ends)}"

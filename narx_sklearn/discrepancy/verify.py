@@ -81,6 +81,7 @@ def initial_state(
         What effects remember; without it they begin at rest.
     """
     start, began = stretch.rows.start, stretch.began
+    simulator = _in_session(simulator, began)
     stop = min(stretch.scored.start, stretch.rows.stop)
     noise = Noise.as_large_as(y[start:stop])
     known = simulator.known_states(u, y, np.array([start]))[0]
@@ -110,9 +111,15 @@ def free_run(
     """Run a stretch freely after its initial state was fitted to its first samples."""
     x0 = initial_state(simulator, u, y, stretch, guess, lead)
     rows, began = stretch.rows, stretch.began
+    simulator = _in_session(simulator, began)
     windows, all_x0 = _led(lead, rows.start, rows.stop, began, x0)
     run = simulator.run(u[began : rows.stop], windows, all_x0)
     return FreeRun(run.y[rows.start - began :], x0)
+
+
+def _in_session(simulator: Simulator, began: int) -> Simulator:
+    """Return a simulator for a run of which the time is counted from where a session begins."""
+    return simulator.with_effects([e.in_session(began, simulator.dt) for e in simulator.effects])
 
 
 def _led(lead: Lead | None, start: int, stop: int, began: int, x0: np.ndarray) -> tuple[Windows, np.ndarray]:

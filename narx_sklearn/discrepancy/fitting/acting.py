@@ -30,6 +30,7 @@ def state_forces(
         n = len(placed.effect.parameters)
         theta[:n] = placed.theta[:n]
     ages = age_of(windows, rows)
+    acts = [acts_along(placed, windows, rows, simulator.dt) for _, placed in acting]
     arguments, values = np.zeros((2, len(acting), rows.size))
     for at, (k, age) in enumerate(zip(rows, ages, strict=True)):
         x, now = run.x[k], u[k]
@@ -65,7 +66,7 @@ def state_forces(
                 thetas[e],
                 np.zeros(MAX_MEMORY),
             )
-            values[e, at] = np.where(placed.acts_at(age * simulator.dt), values[e, at], 0.0)
+            values[e, at] = values[e, at] if acts[e][at] else 0.0
             if placed.through >= 0:
                 slope += _beside(simulator, x, now, placed.through, values[e, at]) - nominal
             else:
@@ -84,7 +85,7 @@ def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, fo
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
     """Tell at which samples inside the windows an effect acts."""
-    return placed.acts_at(age_of(windows, rows) * dt)
+    return placed.acts_at(rows, rows - age_of(windows, rows), dt)
 
 
 def age_of(windows: Windows, rows: np.ndarray) -> np.ndarray:

@@ -389,6 +389,7 @@ def _simulate_windows(
     inertial,
     begins,
     ends,
+    along,
     switches,
     authority,
     width,
@@ -425,8 +426,9 @@ def _simulate_windows(
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
     `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
-    steps that start between its times `begins` and `ends`, counted from where the session began. The
-    equations jump by about twice an `authority` where one of the `switches` @ x is zero, to within a `width`.
+    steps that start between its times `begins` and `ends`, counted from where the session began or, `along`
+    the record, from its first sample. The equations jump by about twice an `authority` where one of the
+    `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
@@ -490,8 +492,8 @@ def _simulate_windows(
                 x_out[k, i] = x[i]
                 if not abs(x[i]) < UNBOUNDED:
                     broken = True
-            since = (k - began[w]) * dt
             for e in range(n_forces):
+                since = (k if along[e] else k - began[w]) * dt
                 share[e] = strength[e] if begins[e] <= since < ends[e] else 0.0
                 for j in range(memory[e]):
                     z_out[k, e * MAX_MEMORY + j] = z[e, j]
@@ -661,6 +663,7 @@ def simulate_windows():
         INTEGERS,
         *[FLAGS] * 4,
         *[VECTOR] * 2,
+        FLAGS,
         MATRIX,
         *[VECTOR] * 3,
         *[MATRIX] * 3,

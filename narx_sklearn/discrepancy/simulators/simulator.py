@@ -391,7 +391,7 @@ def _slots(forces, n_inputs: int, n_states: int):
     addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, sticks, inertial = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(4))
+    jumps, after, sticks, inertial, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(5))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
@@ -404,7 +404,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
-        begins[i], ends[i] = placed.during
+        (begins[i], ends[i]), along[i] = placed.during, placed.along_record
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
             seconds[i] = placed.second
@@ -413,7 +413,7 @@ def _slots(forces, n_inputs: int, n_states: int):
             theta[i, SPILL] = placed.theta[-1]
     flags = jumps, after, sticks, inertial
     ways = port, onward, through
-    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends
+    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends, along
 
 
 def transformed(signals, kind, effects, strength, driven, dt, windows: Windows, x=None) -> np.ndarray:
@@ -455,12 +455,12 @@ def _applied(
         column = out[:, placed.port.index].copy()
         other = placed.second_of(signals if driven is None else driven, x)
         # an effect has acted since the session began, also where no window is and its memory waits
-        keep, age, begin = _since_the_sessions_began(windows)
+        keep, began, begin = _since_the_sessions_began(windows)
         if placed.effect.instants:  # its time is that of the whole record
-            keep = age = np.arange(len(column))
+            keep, began = np.arange(len(column)), np.zeros(len(column), dtype=np.int64)
             begin = np.unique(windows.began)
         inside = column[keep]
-        acts = placed.acts_at(age * dt)
+        acts = placed.acts_at(keep, began, dt)
         theta = np.array(placed.theta)
         if is_held and placed.effect.held is not None:
             changed, rise = placed.effect.held(inside, dt, theta, begin)
@@ -491,11 +491,12 @@ def covered(windows: Windows) -> np.ndarray:
 def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the samples of the sessions up to their last windows, and where each begins among them.
 
-    Between the two: how many samples of its session went before each.
+    Between the two: the first sample of its session, of each.
     """
     began = np.unique(windows.began)
     stop = [windows.last[windows.began == first].max() for first in began]
     ages = [np.arange(b - a) for a, b in zip(began, stop, strict=True)]
     age = np.concatenate([np.arange(0), *ages])
     begin = np.cumsum([0, *(part.size for part in ages)])[:-1]
-    return age + np.repeat(began, [part.size for part in ages]), age, begin
+    of_each = np.repeat(began, [part.size for part in ages])
+    return of_each + age, of_each, begin

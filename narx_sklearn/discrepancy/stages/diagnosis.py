@@ -29,7 +29,13 @@ from narx_sklearn.discrepancy.stages.plain import (
 from narx_sklearn.discrepancy.stages.refuted import may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
-from narx_sklearn.discrepancy.stages.temporary import large_parts, may_stand_in, search_in_spans, spans_of
+from narx_sklearn.discrepancy.stages.temporary import (
+    large_parts,
+    may_stand_in,
+    search_in_spans,
+    sessions_of,
+    spans_of,
+)
 from narx_sklearn.discrepancy.stages.unforeseen import (
     Unforeseen,
     fitted_beside,
@@ -225,9 +231,10 @@ def _looked_into_parts(
         spans = spans_of(stretches, searched.problem)
         searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
     found = judge(searched, structure, settings)
-    if found is not None and (found.verdict == "unknown" or may_stand_in(found.best.effects, searched)):
+    if found is not None:
         # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
-        spans = large_parts(searched.problem)
+        may_pass = found.verdict == "unknown" or may_stand_in(found.best.effects, searched)
+        spans = large_parts(searched.problem) if may_pass else sessions_of(searched.problem)
         in_part = search_in_spans(spans, stretches.p, searched, structure, settings)
         if in_part is not None:
             searched = in_part

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,13 @@ from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged, hypotheses_of, went_far
+from narx_sklearn.discrepancy.stages.coloured_search import (
+    Searched,
+    converged,
+    hypotheses_of,
+    kept_near,
+    went_far,
+)
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 
 DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
@@ -30,12 +37,28 @@ MOST = 0.8  # of the time that was looked at; what acts longer may as well act a
 LEADERS = 8  # effects that are fitted
 RIVALS = 6  # of those that always act, kept beside
 BEYOND = 4.0  # times what its tangent takes off, that an effect may take off once it is fitted
+MOST_SESSIONS = 6  # that are looked at one by one
 AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
 FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
 PASSES = 3  # over both ends, at most
 SETTLED = 4  # iterations of a fit when an end is moved
 
-Span = tuple[float, float]  # s since the session began
+
+class Span(NamedTuple):
+    """Time in which something may act."""
+
+    begins: float  # s since the session began, or along the record
+    ends: float
+    along_record: bool = False  # where there are several sessions: in those that it covers
+
+    def of(self, placed: PlacedEffect) -> PlacedEffect:
+        """Return an effect acting in it."""
+        return replace(placed, during=(self.begins, self.ends), along_record=self.along_record)
+
+    @classmethod
+    def in_which(cls, placed: PlacedEffect) -> "Span":
+        """Return the span in which an effect acts."""
+        return cls(*placed.during, placed.along_record)
 
 
 class InSpan(NamedTuple):
@@ -59,7 +82,8 @@ def search_in_spans(
     What acts for a while bends the parameters and the noise of a fit to the whole record, so both are taken
     from the rest of it. The ends of the span are settled with the effect in it. It must take off more than
     noise of any colour would let the best of all spans, effects and shapes, and be likelier than the best of
-    what always acts, each under noise of its own and with its price.
+    what always acts, each under noise of its own and with its price, and with parameters that anybody may be
+    so wrong about.
 
     Parameters
     ----------
@@ -94,13 +118,17 @@ def search_in_spans(
     chance = chance_of_noise(gained, len(found.bank.hypotheses), n_values)
     if chance > settings.alpha_in_part:
         return None
+    nominal = problem.simulator.nominal
+    if rival and went_far(rival.fit.model.p, nominal) and not went_far(best.fit.model.p, nominal):
+        rival = converged(kept_near(problem), rival, settings.n_jobs)
     to_beat = np.inf if rival is None else deviance(problem, rival.fit.model) + rival.price
     if to_beat <= value + best.price + HARDLY:
         return None
     noise, settled = _settled_again(found.problem, settled, value, settings)
     problem = problem.with_noise(noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
-    models += [_in_span(c, settled[0].effects[0].during) for c in roughly[len(near) :]]
+    span = Span.in_which(settled[0].effects[0])
+    models += [_in_span(c, span) for c in roughly[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
     return Searched(problem, fit(problem, refitted.model), [step])
 
@@ -128,21 +156,53 @@ def _fitted(problem: Problem, models: list[Model], settings: Settings) -> list[C
 def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | None:
     """Return a set whose effects do not act beyond the samples fitted, where one did but not always."""
     model = candidate.fit.model
-    first, last = _ends(problem)
-    effects = tuple(
-        replace(e, during=(max(e.during[0], first), min(e.during[1], last))) if e.passes else e
-        for e in model.effects
-    )
+
+    def within_fitted(effect: PlacedEffect) -> PlacedEffect:
+        if not effect.passes:
+            return effect
+        first, last = _ends(problem, effect.along_record)
+        return replace(effect, during=(max(effect.during[0], first), min(effect.during[1], last)))
+
+    effects = tuple(within_fitted(e) for e in model.effects)
     if effects == model.effects:
         return None
     given = sum(int(np.isinf(e.during).sum()) for e in model.effects if e.passes)
     return replace(candidate, fit=candidate.fit._replace(model=model._replace(effects=effects)), given=given)
 
 
-def _ends(problem: Problem) -> Span:
+def _ends(problem: Problem, along_record: bool = False) -> tuple[float, float]:
     """Return when the samples fitted begin and end, at the earliest and at the latest of all sessions."""
     windows, dt = problem.windows, problem.simulator.dt
-    return float((windows.first - windows.began).min()) * dt, float((windows.last - windows.began).max()) * dt
+    began = 0 if along_record else windows.began
+    return float((windows.first - began).min()) * dt, float((windows.last - began).max()) * dt
+
+
+def sessions_of(problem: Problem) -> list[Span]:
+    """Return the sessions one by one, and what is after each of them; none where there is one, or many."""
+    began, dt = np.unique(problem.windows.began), problem.simulator.dt
+    if not 1 < began.size <= MOST_SESSIONS:
+        return []
+    edges = [-np.inf, *(began[1:] * dt).tolist(), np.inf]
+    alone = [Span(a, b, along_record=True) for a, b in pairwise(edges)]
+    return alone + [Span(edge, np.inf, along_record=True) for edge in edges[1:-2]]
+
+
+def _to_sessions(span: Span, problem: Problem) -> Span:
+    """Return a span along a record whose ends are those of sessions where next to nothing is in between."""
+    if not span.along_record:
+        return span
+    windows, dt = problem.windows, problem.simulator.dt
+    fitted = np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)]) * dt
+    edges = np.append(np.unique(windows.began) * dt, np.inf)
+    edges[0] = -np.inf
+    few = AT_AN_END * fitted.size / (edges.size - 1)
+
+    def moved(end: float) -> float:
+        between = [np.count_nonzero((fitted >= min(end, e)) & (fitted < max(end, e))) for e in edges]
+        nearest = int(np.argmin(between))
+        return float(edges[nearest]) if between[nearest] <= few else end
+
+    return span._replace(begins=moved(span.begins), ends=moved(span.ends))
 
 
 def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
@@ -164,9 +224,13 @@ def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
         if b - a <= MOST * (last - first):
             begins = -np.inf if a - first < near else float(a)
             ends = np.inf if last - b < near else float(b)
-            found += [(begins, ends)]
-            found += [(ends, np.inf)] * (begins == -np.inf) + [(-np.inf, begins)] * (ends == np.inf)
-    return list(dict.fromkeys(found))
+            found += [Span(begins, ends)]
+            found += [Span(ends, np.inf)] * (begins == -np.inf) + [Span(-np.inf, begins)] * (ends == np.inf)
+    return list(dict.fromkeys(found)) + [
+        session
+        for session in sessions_of(problem)
+        if np.any((table["stop"] * dt > session.begins) & (table["start"] * dt < session.ends))
+    ]
 
 
 def may_stand_in(effects: Sequence[PlacedEffect], before: Searched) -> bool:
@@ -185,10 +249,11 @@ def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
 
 
 def large_parts(problem: Problem) -> list[Span]:
-    """Return the halves of the time that is looked at, and its middle."""
+    """Return the halves of the time that is looked at, its middle, and sessions."""
     first, last = _ends(problem)
     quarter = 0.25 * (last - first)
-    return [(-np.inf, first + 2 * quarter), (first + quarter, last - quarter), (last - 2 * quarter, np.inf)]
+    halves = Span(-np.inf, first + 2 * quarter), Span(last - 2 * quarter, np.inf)
+    return [halves[0], Span(first + quarter, last - quarter), halves[1], *sessions_of(problem)]
 
 
 def _found_in(
@@ -203,8 +268,8 @@ def _found_in(
 
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
-    time = (problem.rows - problem.windows.began[:, None]) * problem.simulator.dt
-    acting = problem.inside & within(span, time)
+    began = 0 if span.along_record else problem.windows.began[:, None]
+    acting = problem.inside & within(span[:2], (problem.rows - began) * problem.simulator.dt)
     quiet = problem.seen & ~acting[:, :, None]
     if quiet.sum() < (1 - MOST) * problem.seen.sum():
         return None
@@ -215,7 +280,7 @@ def _found_in(
     if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
         return None
     hypotheses = [
-        h._replace(placed=replace(h.placed, during=span))
+        h._replace(placed=span.of(h.placed))
         for h in hypotheses_of(own, start, structure, settings)
         if h.asked and h.placed.effect.code not in OF_TIME
     ]
@@ -245,7 +310,7 @@ def _under_clearer_noise(
     if noise is None:
         return problem, found, best
     problem = problem.with_noise(noise)
-    others = [_in_span(c, best.effects[0].during) for c in found[1:]]
+    others = [_in_span(c, Span.in_which(best.effects[0])) for c in found[1:]]
     again = _fitted(problem, [best.fit.model, *others], settings)
     settled = _settled_each(problem, again, settings, passes=1)
     return problem, settled, settled[0]
@@ -266,7 +331,7 @@ def _left_outside(touched: np.ndarray, start: Fit) -> float:
 def _in_span(candidate: Candidate, span: Span) -> Model:
     """Return the model of a candidate with its effect acting in another span."""
     (effect,) = candidate.effects
-    return candidate.fit.model._replace(effects=(replace(effect, during=span),))
+    return candidate.fit.model._replace(effects=(span.of(effect),))
 
 
 def _settled_again(
@@ -327,18 +392,18 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     One that leaves the samples fitted is not known.
     """
     dt = problem.simulator.dt
-    first, last = _ends(problem)
+    first, last = _ends(problem, candidate.effects[0].along_record)
 
     def moved(span: Span, end: int, way: float) -> Span:
         to = round((span[end] + way) / dt) * dt
         if end == 0:
-            return (to if to > first else -np.inf), span[1]
-        return span[0], (to if to < last else np.inf)
+            return span._replace(begins=to if to > first else -np.inf)
+        return span._replace(ends=to if to < last else np.inf)
 
     def descended(best: Candidate, step: float) -> Candidate:
         while step > max(FINEST * (last - first), dt):
             for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
-                span = best.effects[0].during
+                span = Span.in_which(best.effects[0])
                 if not np.isfinite(span[end]):
                     continue
                 span = moved(span, end, way)
@@ -359,4 +424,5 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
         before, best = best, descended(best, step)
         if best is before:
             break
-    return converged(problem, best)
+    span = _to_sessions(Span.in_which(best.effects[0]), problem)
+    return converged(problem, replace(best, fit=best.fit._replace(model=_in_span(best, span))))

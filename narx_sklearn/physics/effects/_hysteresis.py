@@ -187,8 +187,13 @@ def _creep_starts(setting: Setting) -> np.ndarray:
 
 
 def _creep_limits(setting: Setting) -> np.ndarray:
-    """The fastest of its lags settles within the time looked at; slower ones are a spring."""
-    return at_most(2, 1, time_looked_at(setting))
+    """The fastest of its lags settles within the time looked at, and not within a sample.
+
+    Slower ones are a spring; what is over at once is another gain, about where a session began.
+    """
+    limits = at_most(2, 1, time_looked_at(setting))
+    limits[1, 0] = setting.dt
+    return limits
 
 
 def _bouc_wen_hysteresis_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:

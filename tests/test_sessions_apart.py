@@ -1,0 +1,114 @@
+"""Effects that act in some sessions of a record only: a load of one day, a sensor that was mounted anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, for_other_records
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.temporary import Span, _to_sessions, sessions_of
+from narx_sklearn.physics.effects import CATALOGUE
+
+DT = 0.02
+N = 1000
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def make(parameters=(1.0, 0.8, 12.0)):
+    names = "gain [m/s^2/V]", "damping [1/s]", "stiffness [1/s^2]"
+    return ODESimulator(
+        stage,
+        dt=DT,
+        parameters=dict(zip(names, parameters, strict=True)),
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+    )
+
+
+LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.8,))
+BIAS = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.05,))
+
+
+def commands(n_sessions, seed=0):
+    u = np.repeat(np.random.default_rng(seed).normal(0, 3, n_sessions * N // 10), 10)[:, None]
+    return u, np.repeat(range(n_sessions), N)
+
+
+def in_sessions(effect, begins, ends):
+    """Return an effect that acts from a session on and until another begins."""
+    return replace(effect, during=(begins * N * DT, ends * N * DT), along_record=True)
+
+
+@pytest.mark.parametrize("effect", [LOAD, BIAS])
+def test_it_acts_in_the_sessions_that_its_time_covers(effect):
+    u, sessions = commands(3)
+    plain, always, acting = (
+        make().with_effects(effects).simulate(u, sessions=sessions)
+        for effects in ([], [effect], [in_sessions(effect, 1, 2)])
+    )
+    second = sessions == 1
+    np.testing.assert_array_equal(acting[second], always[second])
+    np.testing.assert_array_equal(acting[~second], plain[~second])
+
+
+def test_it_does_not_recur_in_other_records():
+    assert for_other_records([LOAD, in_sessions(LOAD, 1, 2)]) == (LOAD,)
+
+
+def problem_of(n_sessions):
+    u, _ = commands(n_sessions)
+    pieces = [(slice(k * N, k * N + 800), k * N) for k in range(n_sessions)]  # the end of each is held out
+    return Problem(make(), u, u, cut(pieces, 400, 8), Noise.white(np.ones(1)))
+
+
+def test_sessions_are_tried_one_by_one_and_what_is_after_each():
+    edge, other = N * DT, 2 * N * DT
+    assert sessions_of(problem_of(3)) == [
+        Span(-np.inf, edge, True),
+        Span(edge, other, True),
+        Span(other, np.inf, True),
+        Span(edge, np.inf, True),
+    ]
+    assert sessions_of(problem_of(2)) == [Span(-np.inf, edge, True), Span(edge, np.inf, True)]
+    assert sessions_of(problem_of(1)) == []
+    assert sessions_of(problem_of(7)) == []
+
+
+def test_ends_near_those_of_a_session_are_its_own():
+    problem, edge, other = problem_of(3), N * DT, 2 * N * DT
+    assert _to_sessions(Span(edge - 3.0, other - 1.0, True), problem) == Span(edge, other, True)
+    assert _to_sessions(Span(0.1, other + 0.1, True), problem) == Span(-np.inf, other, True)
+    amid = Span(edge + 4.0, other - 8.0, True)
+    assert _to_sessions(amid, problem) == amid
+    alike = Span(0.1, 9.0)
+    assert _to_sessions(alike, problem) == alike
+
+
+@pytest.mark.parametrize(
+    ("effect", "begins", "words"),
+    [
+        (LOAD, 1, "in session 2 of 3"),
+        pytest.param(BIAS, 2, "in session 3 of 3", marks=pytest.mark.long),
+    ],
+)
+def test_a_diagnosis_tells_the_session(effect, begins, words):
+    u, sessions = commands(3, seed=1)
+    machine = make((1.1, 0.7, 11.0)).with_effects([in_sessions(effect, begins, begins + 1)])
+    y = machine.simulate(u, sessions=sessions)
+    y += 0.01 * np.random.default_rng(2).normal(size=y.shape)
+    names = ["constant_load", "sensor_bias", "coulomb_friction", "additive_drift", "creep"]
+    dx = DiscrepancyRegressor(make(), effects=names, random_state=0).fit(u, y, sessions=sessions)
+    (finding,) = dx.findings_
+    assert dx.verdict_ in ("explained", "ambiguous")
+    assert (finding.effect, finding.in_sessions) == (effect.effect.code, words)
+    assert f", {words}." in dx.report_
+    assert next(iter(finding.parameters.values())) == pytest.approx(effect.theta[0], rel=0.1)
+    assert dx.scores_.loc["augmented", "nrmse"] < 0.4 * dx.scores_.loc["refitted", "nrmse"]
+    assert not dx.simulator_.effects  # nobody knows in which sessions of another record
