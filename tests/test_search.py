@@ -241,7 +241,7 @@ class TestLimits:
         time = 1500 * problem.simulator.dt
         slowest = 2 * np.pi / np.ptp(np.quantile(x[:, 0], [0.02, 0.98]))
         assert placed["cogging"].bounds[1] == pytest.approx([slowest, np.inf], rel=0.01)
-        assert placed["creep"].bounds[1] == pytest.approx([0.0, time], rel=0.01)
+        assert placed["creep"].bounds[1] == pytest.approx([problem.simulator.dt, time], rel=0.01)
         assert placed["periodic_disturbance"].bounds[1] == pytest.approx([6 * np.pi / time, np.inf], rel=0.01)
         ripple = placed["cogging"].at([0.5, 0.2 * slowest, 0.5, 0.0, 0.0])
         fitted = Candidate(fit(problem, start._replace(effects=(ripple,)), iterations=3), problem.n_seen)
