@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_machines import make_oscillator
 
-from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, for_other_records
@@ -17,19 +18,8 @@ DT = 0.02
 N = 1000
 
 
-def stage(x, u, p):
-    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
-
-
-def make(parameters=(1.0, 0.8, 12.0)):
-    names = "gain [m/s^2/V]", "damping [1/s]", "stiffness [1/s^2]"
-    return ODESimulator(
-        stage,
-        dt=DT,
-        parameters=dict(zip(names, parameters, strict=True)),
-        states=["position [m]", "velocity [m/s]"],
-        inputs=["drive [V]"],
-    )
+def make(gain=1.0, damping=0.8, stiffness=12.0):
+    return make_oscillator(gain=gain, damping=damping, stiffness=stiffness)
 
 
 LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.8,))
@@ -100,7 +90,7 @@ def test_ends_near_those_of_a_session_are_its_own():
 )
 def test_a_diagnosis_tells_the_session(effect, begins, words):
     u, sessions = commands(3, seed=1)
-    machine = make((1.1, 0.7, 11.0)).with_effects([in_sessions(effect, begins, begins + 1)])
+    machine = make(1.1, 0.7, 11.0).with_effects([in_sessions(effect, begins, begins + 1)])
     y = machine.simulate(u, sessions=sessions)
     y += 0.01 * np.random.default_rng(2).normal(size=y.shape)
     names = ["constant_load", "sensor_bias", "coulomb_friction", "additive_drift", "creep"]
