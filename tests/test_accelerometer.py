@@ -11,7 +11,7 @@ from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, Span
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import response
@@ -160,7 +160,7 @@ def test_the_tangent_holds_what_a_force_shows_at_once():
     load = at_velocity("constant_load", 0.01)
     forces = 0.01 * (np.arange(600) >= 200)[:, None]
     problem = Problem(make(), u, run.y, cut([(slice(0, 600), 0)], 600, 8), Noise.white(np.ones(1)))
-    acting = PlacedEffect(load.effect, load.port, load.weights, theta=load.theta, during=(200 * DT, 1e9))
+    acting = PlacedEffect(load.effect, load.port, load.weights, theta=load.theta, during=Span(200 * DT, 1e9))
     expected = make().with_effects([acting]).simulate(u) - run.y
     assert_allclose(response(problem, linear, Port("state", 1), forces)[:, :, 0], expected, atol=1e-6)
 

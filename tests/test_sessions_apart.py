@@ -1,7 +1,5 @@
 """Effects that act in some sessions of a record only: a load of one day, a sensor that was mounted anew."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from small_machines import make_oscillator
@@ -9,9 +7,9 @@ from small_machines import make_oscillator
 from narx_sklearn import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port, for_other_records
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port, Span, for_other_records
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.temporary import Span, _to_sessions, sessions_of
+from narx_sklearn.discrepancy.stages.temporary import _to_sessions, sessions_of
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
@@ -33,7 +31,7 @@ def commands(n_sessions, seed=0):
 
 def in_sessions(effect, begins, ends):
     """Return an effect that acts from a session on and until another begins."""
-    return replace(effect, during=(begins * N * DT, ends * N * DT), along_record=True)
+    return effect.acting(Span(begins * N * DT, ends * N * DT, along_record=True))
 
 
 @pytest.mark.parametrize("effect", [LOAD, BIAS])

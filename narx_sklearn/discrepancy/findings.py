@@ -79,7 +79,7 @@ def make_findings(
                 confidence=_confidence(diagnosis, i),
                 improvement=float(share),
                 separate_by=placed.effect.separate_by,
-                during=placed.during if placed.passes else None,
+                during=placed.during[:2] if placed.passes else None,
                 in_sessions=sessions_in_words(placed, diagnosis.problem.windows, simulator.dt),
                 untold=tuple(compress(names, untold)),
                 together=_together(diagnosis, i),
@@ -124,26 +124,26 @@ def sessions_in_words(placed: PlacedEffect, windows: Windows, dt: float) -> str:
     --------
     >>> import numpy as np
     >>> from narx_sklearn.discrepancy.findings import sessions_in_words
-    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port, Span
     >>> from narx_sklearn.discrepancy.simulators.simulator import Windows
     >>> from narx_sklearn.physics.effects import CATALOGUE
-    >>> load = PlacedEffect(
-    ...     CATALOGUE["constant_load"], Port("state", 0), (1.0,), during=(10.0, 20.0), along_record=True
-    ... )
+    >>> second = Span(10.0, 20.0, along_record=True)
+    >>> load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 0), (1.0,), during=second)
     >>> first = np.array([0, 100, 200])
     >>> sessions_in_words(load, Windows(first, first + 80, np.ones(3, dtype=bool), first), dt=0.1)
     'in session 2 of 3'
     """
-    if not placed.along_record:
+    during = placed.during
+    if not during.along_record:
         return ""
     began = np.unique(windows.began)
     own = windows.began == began[:, None]
     first = np.array([windows.first[of].min() for of in own])
     last = np.array([windows.last[of].max() for of in own]) - 1
-    begins, ends = (placed.acts_at(samples, began, dt) for samples in (first, last))
-    touched = (placed.during[0] < (last + 1) * dt) & (placed.during[1] > first * dt)
+    begins, ends = (during.holds(samples, began, dt) for samples in (first, last))
+    touched = (during.begins < (last + 1) * dt) & (during.ends > first * dt)
     if not np.array_equal(begins & ends, touched):
-        either = zip(("from", "until"), placed.during, strict=True)
+        either = zip(("from", "until"), during[:2], strict=True)
         told = [f"{word} {in_seconds(end)}" for word, end in either if np.isfinite(end)]
         return " ".join([*told, "along the record"])
     numbers = (np.flatnonzero(touched) + 1).tolist()

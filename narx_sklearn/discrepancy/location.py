@@ -297,7 +297,7 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
         for began in np.unique(windows.began):  # in each session at the same time, if not along the record
             own = windows.began == began
             inside = (samples >= windows.first[own].min()) & (samples < windows.last[own].max())
-            acts = inside & effect.acts_at(samples, began, dt)
+            acts = inside & effect.during.holds(samples, began, dt)
             if not acts.any():
                 continue
             start, stop = samples[acts][[0, -1]] + (0, 1)

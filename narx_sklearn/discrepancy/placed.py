@@ -8,7 +8,34 @@ import numpy as np
 
 from narx_sklearn.physics.effects import Effect
 
-ALWAYS = (-np.inf, np.inf)
+
+class Span(NamedTuple):
+    """Time in which something acts, its beginning included, its end not."""
+
+    begins: float = -np.inf  # s since the session began, or along the record
+    ends: float = np.inf
+    along_record: bool = False  # where there are several sessions: in those that it covers
+
+    def holds(self, samples: np.ndarray, began: np.ndarray | int, dt: float) -> np.ndarray:
+        """Tell which samples of a record lie in it, from the first ones of their sessions."""
+        time = (samples - (0 if self.along_record else began)) * dt
+        return (self.begins <= time) & (time < self.ends)
+
+    def in_session(self, began: int, dt: float) -> "Span":
+        """Return it with its time counted in a session that begins at a sample of the record."""
+        return Span(self.begins - began * dt, self.ends - began * dt) if self.along_record else self
+
+    def within(self, first: float, last: float) -> "Span":
+        """Return what of it lies between two times."""
+        return self._replace(begins=max(self.begins, first), ends=min(self.ends, last))
+
+    @property
+    def n_ends(self) -> int:
+        """Number of its ends that are not those of the record."""
+        return int(np.isfinite(self.begins)) + int(np.isfinite(self.ends))
+
+
+ALWAYS = Span()
 
 
 class Port(NamedTuple):
@@ -55,11 +82,8 @@ class PlacedEffect:
         is then an acceleration, and ``dt**2`` of it is added to the signal.
     odd : bool
         Whether one meets the effect elsewhere, not at such a place.
-    during : tuple of (float, float)
-        Seconds since a session began, from the first of which it acts until the second; always by default.
-    along_record : bool
-        Whether those seconds are counted along the whole record: then it acts in the sessions that they
-        cover.
+    during : Span
+        The time in which it acts; always by default.
     limits : tuple of (float, float)
         Of each parameter, between which it means on a record what it is called; none by default.
     """
@@ -78,8 +102,7 @@ class PlacedEffect:
     through: int = -1
     inertial: bool = False
     odd: bool = False
-    during: tuple[float, float] = ALWAYS
-    along_record: bool = False
+    during: Span = ALWAYS
     limits: tuple[tuple[float, float], ...] = ()
 
     def at(self, theta) -> "PlacedEffect":
@@ -109,33 +132,25 @@ class PlacedEffect:
     def place(self) -> tuple:
         """Everything but the parameter values: two of one place are the same hypothesis."""
         ways = self.onward, self.through
-        time = self.during, self.along_record
-        return (self.effect.code, self.port, self.weights, self.second, *ways, *time)
+        return (self.effect.code, self.port, self.weights, self.second, *ways, self.during)
 
     @property
     def passes(self) -> bool:
         """Whether it acts for a while only."""
         return self.during != ALWAYS
 
+    def acting(self, during: Span) -> "PlacedEffect":
+        """Return it acting in another time."""
+        return replace(self, during=during)
+
     def always(self) -> "PlacedEffect":
         """Return it acting at all times."""
-        return replace(self, during=ALWAYS, along_record=False)
-
-    def in_session(self, began: int, dt: float) -> "PlacedEffect":
-        """Return it with its time counted in a session that begins at a sample of the record."""
-        if not self.along_record:
-            return self
-        begins, ends = (end - began * dt for end in self.during)
-        return replace(self, during=(begins, ends), along_record=False)
+        return self.acting(ALWAYS)
 
     def begun_anew(self) -> "PlacedEffect":
         """Return it as it begins another record: memories in the middle, what follows a command there."""
         begin = self.effect.begin
         return self if begin is None else self.at([*self.theta[:begin], 0.0, *self.theta[begin + 1 :]])
-
-    def acts_at(self, samples: np.ndarray, began: np.ndarray, dt: float) -> np.ndarray:
-        """Tell, for samples of a record and the first ones of their sessions, whether it acts."""
-        return within(self.during, (samples - (0 if self.along_record else began)) * dt)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -225,11 +240,6 @@ class PlacedEffect:
         return own + x @ weights[n_inputs:] if of_states else own
 
 
-def within(during: tuple[float, float], time: np.ndarray) -> np.ndarray:
-    """Tell which times lie in a span, its beginning included, its end not."""
-    return (during[0] <= time) & (time < during[1])
-
-
 def for_other_records(
     effects: Iterable[PlacedEffect], beginning_alike: Collection[tuple] = ()
 ) -> tuple[PlacedEffect, ...]:
@@ -241,7 +251,7 @@ def for_other_records(
     return tuple(
         placed if placed.place in beginning_alike else placed.begun_anew()
         for placed in that_recur(effects)
-        if not placed.along_record
+        if not placed.during.along_record
     )
 
 

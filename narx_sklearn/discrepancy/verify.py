@@ -119,7 +119,9 @@ def free_run(
 
 def _in_session(simulator: Simulator, began: int) -> Simulator:
     """Return a simulator for a run of which the time is counted from where a session begins."""
-    return simulator.with_effects([e.in_session(began, simulator.dt) for e in simulator.effects])
+    return simulator.with_effects(
+        [e.acting(e.during.in_session(began, simulator.dt)) for e in simulator.effects]
+    )
 
 
 def _led(lead: Lead | None, start: int, stop: int, began: int, x0: np.ndarray) -> tuple[Windows, np.ndarray]:

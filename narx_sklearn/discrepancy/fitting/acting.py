@@ -85,7 +85,7 @@ def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, fo
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
     """Tell at which samples inside the windows an effect acts."""
-    return placed.acts_at(rows, rows - age_of(windows, rows), dt)
+    return placed.during.holds(rows, rows - age_of(windows, rows), dt)
 
 
 def age_of(windows: Windows, rows: np.ndarray) -> np.ndarray:

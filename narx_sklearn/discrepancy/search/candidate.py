@@ -94,7 +94,7 @@ class Candidate:
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
         price += 2 * sum(np.log(e.effect.n_apart) for e in self.effects if e.effect.n_apart)
-        ends = sum(int(np.isfinite(e.during).sum()) + len(e.effect.instants) for e in self.effects)
+        ends = sum(e.during.n_ends + len(e.effect.instants) for e in self.effects)
         return price + 2 * np.log(n) * (ends - self.given)
 
 

@@ -404,7 +404,7 @@ def _slots(forces, n_inputs: int, n_states: int):
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
-        (begins[i], ends[i]), along[i] = placed.during, placed.along_record
+        begins[i], ends[i], along[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
         if placed.second:
             seconds[i] = placed.second
@@ -460,7 +460,7 @@ def _applied(
             keep, began = np.arange(len(column)), np.zeros(len(column), dtype=np.int64)
             begin = np.unique(windows.began)
         inside = column[keep]
-        acts = placed.acts_at(keep, began, dt)
+        acts = placed.during.holds(keep, began, dt)
         theta = np.array(placed.theta)
         if is_held and placed.effect.held is not None:
             changed, rise = placed.effect.held(inside, dt, theta, begin)

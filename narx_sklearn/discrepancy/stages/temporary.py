@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
-from narx_sklearn.discrepancy.placed import PlacedEffect, within
+from narx_sklearn.discrepancy.placed import PlacedEffect, Span
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
@@ -44,23 +44,6 @@ PASSES = 3  # over both ends, at most
 SETTLED = 4  # iterations of a fit when an end is moved
 
 
-class Span(NamedTuple):
-    """Time in which something may act."""
-
-    begins: float  # s since the session began, or along the record
-    ends: float
-    along_record: bool = False  # where there are several sessions: in those that it covers
-
-    def of(self, placed: PlacedEffect) -> PlacedEffect:
-        """Return an effect acting in it."""
-        return replace(placed, during=(self.begins, self.ends), along_record=self.along_record)
-
-    @classmethod
-    def in_which(cls, placed: PlacedEffect) -> "Span":
-        """Return the span in which an effect acts."""
-        return cls(*placed.during, placed.along_record)
-
-
 class InSpan(NamedTuple):
     """What was found to act in a span of time."""
 
@@ -87,7 +70,7 @@ def search_in_spans(
 
     Parameters
     ----------
-    spans : list of (float, float)
+    spans : list of Span
         Where the search begins.
     p : ndarray of shape (n_parameters,)
         Parameters of the simulator from which it begins; from the nominal ones too where these are far away.
@@ -127,7 +110,7 @@ def search_in_spans(
     noise, settled = _settled_again(found.problem, settled, value, settings)
     problem = problem.with_noise(noise)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
-    span = Span.in_which(settled[0].effects[0])
+    span = settled[0].effects[0].during
     models += [_in_span(c, span) for c in roughly[len(near) :]]
     step = Step(steps[0].detection._replace(p_value=chance), found.bank, _fitted(problem, models, settings))
     return Searched(problem, fit(problem, refitted.model), [step])
@@ -160,13 +143,12 @@ def only_where_fitted(problem: Problem, candidate: Candidate) -> Candidate | Non
     def within_fitted(effect: PlacedEffect) -> PlacedEffect:
         if not effect.passes:
             return effect
-        first, last = _ends(problem, effect.along_record)
-        return replace(effect, during=(max(effect.during[0], first), min(effect.during[1], last)))
+        return effect.acting(effect.during.within(*_ends(problem, effect.during.along_record)))
 
     effects = tuple(within_fitted(e) for e in model.effects)
     if effects == model.effects:
         return None
-    given = sum(int(np.isinf(e.during).sum()) for e in model.effects if e.passes)
+    given = sum(2 - e.during.n_ends for e in model.effects if e.passes)
     return replace(candidate, fit=candidate.fit._replace(model=model._replace(effects=effects)), given=given)
 
 
@@ -268,8 +250,8 @@ def _found_in(
 
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
-    began = 0 if span.along_record else problem.windows.began[:, None]
-    acting = problem.inside & within(span[:2], (problem.rows - began) * problem.simulator.dt)
+    began = problem.windows.began[:, None]
+    acting = problem.inside & span.holds(problem.rows, began, problem.simulator.dt)
     quiet = problem.seen & ~acting[:, :, None]
     if quiet.sum() < (1 - MOST) * problem.seen.sum():
         return None
@@ -280,7 +262,7 @@ def _found_in(
     if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
         return None
     hypotheses = [
-        h._replace(placed=span.of(h.placed))
+        h._replace(placed=h.placed.acting(span))
         for h in hypotheses_of(own, start, structure, settings)
         if h.asked and h.placed.effect.code not in OF_TIME
     ]
@@ -310,7 +292,7 @@ def _under_clearer_noise(
     if noise is None:
         return problem, found, best
     problem = problem.with_noise(noise)
-    others = [_in_span(c, Span.in_which(best.effects[0])) for c in found[1:]]
+    others = [_in_span(c, best.effects[0].during) for c in found[1:]]
     again = _fitted(problem, [best.fit.model, *others], settings)
     settled = _settled_each(problem, again, settings, passes=1)
     return problem, settled, settled[0]
@@ -331,7 +313,7 @@ def _left_outside(touched: np.ndarray, start: Fit) -> float:
 def _in_span(candidate: Candidate, span: Span) -> Model:
     """Return the model of a candidate with its effect acting in another span."""
     (effect,) = candidate.effects
-    return candidate.fit.model._replace(effects=(span.of(effect),))
+    return candidate.fit.model._replace(effects=(effect.acting(span),))
 
 
 def _settled_again(
@@ -392,7 +374,7 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     One that leaves the samples fitted is not known.
     """
     dt = problem.simulator.dt
-    first, last = _ends(problem, candidate.effects[0].along_record)
+    first, last = _ends(problem, candidate.effects[0].during.along_record)
 
     def moved(span: Span, end: int, way: float) -> Span:
         to = round((span[end] + way) / dt) * dt
@@ -403,7 +385,7 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     def descended(best: Candidate, step: float) -> Candidate:
         while step > max(FINEST * (last - first), dt):
             for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
-                span = Span.in_which(best.effects[0])
+                span = best.effects[0].during
                 if not np.isfinite(span[end]):
                     continue
                 span = moved(span, end, way)
@@ -417,12 +399,12 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
             step /= 2
         return best
 
-    begins, ends = candidate.effects[0].during
-    step = 0.25 * (min(ends, last) - max(begins, first))
+    begins, ends, _ = candidate.effects[0].during.within(first, last)
+    step = 0.25 * (ends - begins)
     best = candidate
     for _ in range(passes):
         before, best = best, descended(best, step)
         if best is before:
             break
-    span = _to_sessions(Span.in_which(best.effects[0]), problem)
+    span = _to_sessions(best.effects[0].during, problem)
     return converged(problem, replace(best, fit=best.fit._replace(model=_in_span(best, span))))

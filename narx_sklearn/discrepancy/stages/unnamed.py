@@ -47,15 +47,15 @@ def best_unnamed(
     meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
-    times = {(effect.during, effect.along_record) for effect in best.effects}
-    during, along_record = times.pop() if len(times) == 1 else (ALWAYS, False)
+    times = {effect.during for effect in best.effects}
+    during = times.pop() if len(times) == 1 else ALWAYS
     fine = 1.0 / (problem.simulator.dt * len(problem.y))  # between two that the record tells apart
     for wave in waves:
         curves += pulse_hypotheses(problem.simulator, structure, (wave - fine, wave + fine))
     placed = [curve.placed for curve in curves]
     if during != ALWAYS:
         curves += line_hypotheses(problem.simulator, structure)
-        placed += [replace(c.placed, during=during, along_record=along_record) for c in curves]
+        placed += [c.placed.acting(during) for c in curves]
     beside = refitted._replace(model=best.fit.model._replace(effects=()))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
