@@ -177,6 +177,7 @@ class TestSlowAndLate:
         y = make_circuit().with_effects(effects).simulate(u)
         return u, y + 0.02 * np.std(y) * np.random.default_rng(seed + 1).normal(size=y.shape)
 
+    @pytest.mark.long
     def test_a_limit_that_is_met_at_the_end_only_is_found(self):
         limit = PlacedEffect(CATALOGUE["sensor_clip"], Port("output", 0), theta=(-5.0, 5.0))
         u, y = self.recording(limit, loud_from=1230)
@@ -196,6 +197,7 @@ class TestSlowAndLate:
         assert found.verdict_ == "explained"
         assert "the beginning was held out instead" in found.report_
 
+    @pytest.mark.long
     def test_names_that_leave_much_of_either_end_are_no_explanation(self, monkeypatch):
         """Where a second look ends no better, the first one stands as it was."""
         u, y = self.recording(self.LINE)
@@ -227,7 +229,7 @@ class TestSlowAndLate:
     ):
         assert noises_against(PlacedEffect(CATALOGUE[code], Port(port, 0))) == may_drift
 
-    @pytest.mark.parametrize("drift", [0.0, 0.004])
+    @pytest.mark.parametrize("drift", [0.0, pytest.param(0.004, marks=pytest.mark.long)])
     def test_noise_that_drifts_may_be_called_a_drift_and_nothing_else(self, drift):
         n = 1500
         u = levels(np.random.default_rng(5), n)

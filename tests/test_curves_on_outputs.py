@@ -139,10 +139,11 @@ def test_a_curve_of_another_signal_is_no_form_of_one_of_the_output(acting):
     assert _along(own, replace(own, argument_name="the same"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("of_charge", "of_current", "argument"),
     [
-        pytest.param(0.1, 0.0, "charge", marks=pytest.mark.long),
+        (0.1, 0.0, "charge"),
         (0.0, 0.005, "current [A]"),
     ],
 )

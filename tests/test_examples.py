@@ -14,7 +14,7 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SCRIPTS = sorted(path for path in EXAMPLES.glob("*.py") if not path.name.startswith("_"))
 EMPTY_FIGURE = 5_000  # bytes; none of ours is as small
-SLOW = {"emps_friction"}  # a whole diagnosis of a real axis
+SLOW = {"concealed_effect", "emps_friction", "own_effect", "tanks_overflow"}  # whole diagnoses
 
 
 def exit_code(script):

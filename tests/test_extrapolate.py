@@ -82,6 +82,7 @@ def test_the_right_law_holds_in_louder_motion_and_refitted_parameters_do_not(har
     assert 0.9 < table["removed_low"]["augmented"] < table["removed"]["augmented"] <= 1
 
 
+@pytest.mark.long
 def test_a_law_without_a_name_holds_in_louder_motion_too():
     """Without its name the hardening spring is a power, told as one or by the only term of a polynomial."""
     found = diagnosed(hardening, ["clearance"])
@@ -92,6 +93,7 @@ def test_a_law_without_a_name_holds_in_louder_motion_too():
     assert table["rmse"]["augmented"] < 0.1 * table["rmse"]["refitted"]
 
 
+@pytest.mark.long
 def test_a_law_of_another_form_does_not_hold_in_louder_motion(hardens, monkeypatch):
     """A gap with a spring behind it passes for a hardening one on samples of the same size."""
     monkeypatch.setattr(judgement, "best_unnamed", lambda *_: None)

@@ -55,8 +55,11 @@ def drive(n=3000, seed=0):
     ("rhs", "effect", "signal", "edge", "above", "off"),
     [
         (with_stop, "clearance", "|position [m]|", GAP, True, 0.02),  # as its own parameters say
-        (limited, "input_saturation", "|drive [V]|", LIMIT, True, 0.1),  # where its corner is rounded
-        (dead, "dead_zone", "|drive [V]|", DEAD, False, 0.02),
+        pytest.param(
+            *(limited, "input_saturation", "|drive [V]|", LIMIT, True, 0.1),  # where its corner is rounded
+            marks=pytest.mark.long,
+        ),
+        pytest.param(dead, "dead_zone", "|drive [V]|", DEAD, False, 0.02, marks=pytest.mark.long),
     ],
 )
 def test_a_rule_says_where_a_named_effect_acts(rhs, effect, signal, edge, above, off):

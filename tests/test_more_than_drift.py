@@ -182,6 +182,7 @@ class TestOffsetThatDidNotStay:
         assert "sensor_bias" not in dx.findings_[0].lookalikes
 
 
+@pytest.mark.long
 def test_a_drift_that_turns_takes_nothing_back_of_what_is_beside_it():
     def hardening(x, u, p):
         return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0] - 2.0 * x[0] ** 3

@@ -85,6 +85,7 @@ def test_a_memory_lives_in_time_whatever_the_period():
         np.testing.assert_allclose(run.z[:, 0], along, atol=0.02 * np.abs(along).max())
 
 
+@pytest.mark.long
 def test_friction_of_a_machine_is_found_beside_its_narx_model():
     """With the level that the machine has, in its acceleration's unit."""
     dt, rng = 0.02, np.random.default_rng(0)

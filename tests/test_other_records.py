@@ -32,6 +32,7 @@ def test_memories_begin_in_the_middle_and_what_happened_once_is_over():
     assert [e.theta for e in others] == [(0.2, 0.0), (1.0, 0.1, 0.0, 0.0, 0.5), (0.1,)]
 
 
+@pytest.mark.long
 def test_a_drive_that_lagged_when_the_record_began_does_not_in_another():
     """It stood elsewhere before a first command next to zero, so a multiple of that was lacking."""
     u = commands(1600, 0)

@@ -204,6 +204,7 @@ class TestPlaces:
         assert (found.verdict_, finding.effect, finding.port) == ("explained", "coupling", "state:3")
         assert finding.parameters["b"] == pytest.approx(0.12, rel=0.05)
 
+    @pytest.mark.long
     def test_friction_may_grow_with_whatever_drives_the_motion(self):
         def drive(x, u, p):
             twist = p[1] * (x[0] - x[2]) + p[2] * (x[1] - x[3])

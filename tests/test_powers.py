@@ -146,7 +146,10 @@ def held_and_rubbing(x, u, p):
 
 @pytest.mark.parametrize(
     ("machine", "argument", "exponent"),
-    [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
+    [
+        (damped_by_the_cube, "velocity", 3.0),
+        pytest.param(held_by_the_fifth, "position", 5.0, marks=pytest.mark.long),
+    ],
 )
 def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
     named = ["quadratic_drag", "cubic_stiffness", "cogging"]

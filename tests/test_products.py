@@ -104,6 +104,7 @@ def test_its_model_holds_on_what_was_held_out(diagnosed):
     assert left["augmented"] < 0.5 * left["refitted"]
 
 
+@pytest.mark.long
 def test_an_input_that_acts_by_the_state_keeps_its_name():
     u, y = recorded(np.random.default_rng(2), boosted=0.002)
     found = DiscrepancyRegressor(simulator(1.15), random_state=0).fit(u, y)

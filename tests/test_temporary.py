@@ -184,6 +184,7 @@ def test_models_and_experiments_take_what_lasts(found):
     assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
 
 
+@pytest.mark.long
 def test_what_always_acts_is_said_to_act_always():
     u, y = rubbed(start=0, stop=4000)
     dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "constant_load"]).fit(u, y)

@@ -219,6 +219,7 @@ def dropping_out():
     return dx, u, y
 
 
+@pytest.mark.long
 def test_an_input_that_drops_out_is_told(dropping_out):
     dx, *_ = dropping_out
     (finding,) = dx.findings_
@@ -233,6 +234,7 @@ def test_an_input_that_drops_out_is_told(dropping_out):
     assert headline(dx).startswith("A parameter of the simulation is not always the same")
 
 
+@pytest.mark.long
 def test_its_course_is_kept(dropping_out):
     dx, u, _ = dropping_out
     course = dx.location_.force
@@ -246,6 +248,7 @@ def test_its_course_is_kept(dropping_out):
     assert dx.location_.ports.loc[0, "kind"] == "input"
 
 
+@pytest.mark.long
 def test_parameters_are_fitted_beside_it(dropping_out):
     dx, *_ = dropping_out
     table = dx.parameters_
@@ -258,6 +261,7 @@ def test_parameters_are_fitted_beside_it(dropping_out):
     assert "Fitted beside what acts by itself" in dx.report_
 
 
+@pytest.mark.long
 def test_nothing_is_added_to_the_simulation(dropping_out):
     dx, *_ = dropping_out
     assert dx.simulator_.effects == ()
@@ -268,6 +272,7 @@ def test_nothing_is_added_to_the_simulation(dropping_out):
     assert ("refitted parameters, which hold a part" in dx.report_) == (kept == "refitted")
 
 
+@pytest.mark.long
 def test_the_report_draws_its_course(dropping_out, tmp_path):
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")

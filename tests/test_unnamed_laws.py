@@ -116,6 +116,7 @@ def test_what_is_no_polynomial_is_left_as_it_is():
     assert held_where_seen(problem, nothing) is nothing
 
 
+@pytest.mark.long
 def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
     named = ["quadratic_drag", "cubic_stiffness", "coulomb_friction"]
     dx = diagnosed_oscillator(van_der_pol, named, noise=0.01, seed=1)

@@ -217,6 +217,7 @@ class TestDiagnosis:
         assert dx.score(u, y) > 0.98
         assert not [finding for finding in dx.data_findings_ if finding.code != "coarse_steps"]
 
+    @pytest.mark.long
     def test_a_load_on_a_ball_that_a_loop_holds_is_named(self):
         u, _, y = held_ball(load=-0.6)
         dx = DiscrepancyRegressor(make_ball()).fit(u, y)

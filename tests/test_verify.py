@@ -188,6 +188,7 @@ class TestWhatHarmsWholeRunsAlone:
 
         return make_worse
 
+    @pytest.mark.long
     def test_is_named_and_not_used_where_small_errors_add_up(self, in_whole_runs):
         def drags(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1] - 0.8 * x[1] * abs(x[1])
