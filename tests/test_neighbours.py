@@ -73,6 +73,8 @@ def test_what_acts_between_two_is_told_once_at_the_one_that_it_moves_more(code):
     assert placed.share == pytest.approx(WHEEL / BODY)
     words = place_in_words(placed, make())
     assert words == "in the equation of wheel rate, and back in that of body rate"
+    unfelt = placed.at([1.0] * (placed.n_theta - 1) + [0.0])
+    assert place_in_words(unfelt, make()) == "in the equation of wheel rate"
     assert parameter_names(placed)[-1] == "reaction_ratio"
 
 

@@ -56,6 +56,18 @@ class TestPlaces:
                 found = placements(CATALOGUE[code], simulator, self.structure_of(simulator))
                 assert bool(found) == (state in levels)
 
+    @pytest.mark.parametrize(
+        ("fed", "onward"), [("pool [m]", 1), ("pool [cm]", 1), ("pool", 1), ("flow [m3/s]", -1)]
+    )
+    def test_what_overflows_goes_on_to_what_is_counted_alike(self, fed, onward):
+        def cascade(x, u, p):
+            return p[0] * u[0] - p[1] * x[0], p[1] * x[0] - p[1] * x[1]
+
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
+        simulator = ODESimulator(cascade, states=["tank [m]", fed], **made)
+        placed = placements(CATALOGUE["overflow"], simulator, self.structure_of(simulator))
+        assert {p.onward for p in placed if p.port == Port("state", 0)} == {-1, onward}
+
     def test_weight_is_met_on_an_angle_in_degrees_and_reads_it_in_radians(self):
         def arm(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1]

@@ -353,6 +353,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     words = port_in_words(placed.port, simulator)
     if placed.through >= 0:
         return f"beside the input {simulator.inputs[placed.through].name}"
+    if placed.reacts and placed.theta and not placed.theta[-1]:
+        return words  # the neighbour does not feel it
     if placed.reacts:
         words += f", and back in that of {simulator.states[placed.onward].name}"
     elif placed.onward >= 0:

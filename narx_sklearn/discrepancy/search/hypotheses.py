@@ -150,7 +150,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
         for weights, name, unit in _seconds(placed, simulator, structure)
-        for onward in _onward(placed, structure)
+        for onward in _onward(placed, simulator, structure)
     ]
 
 
@@ -263,12 +263,22 @@ def _neighbours(i: int, simulator: Simulator, structure: Structure):
             yield weights_of(len(simulator.states), {j: 1.0}), *simulator.states[j]
 
 
-def _onward(placed: PlacedEffect, structure: Structure) -> list[int]:
+def _onward(placed: PlacedEffect, simulator: Simulator, structure: Structure) -> list[int]:
+    """Return the equations to which a share of what an effect takes away may go on; -1 for none.
+
+    It is a share of what is counted in one unit: a level does not spill into a speed.
+    """
     if not placed.effect.onward or placed.port.kind != "state":
         return [placed.onward]
     i = placed.port.index
+    unit = simulator.states[i].unit
     fed = [j for j in range(structure.kinematic.size) if j != i and structure.states[j, i]]
-    return [-1, *(j for j in fed if not structure.kinematic[j])]
+    return [-1, *(j for j in fed if not structure.kinematic[j] and _alike(unit, simulator.states[j].unit))]
+
+
+def _alike(unit: str, other: str) -> bool:
+    """Tell whether two units may measure the same; one that nobody told measures anything."""
+    return not (unit and other) or scale_to(unit, other) is not None
 
 
 class Argument(NamedTuple):
