@@ -6,8 +6,10 @@ from small_machines import make_oscillator
 
 from narx_sklearn import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, Span, for_other_records
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.temporary import _to_sessions, sessions_of
 from narx_sklearn.physics.effects import CATALOGUE
@@ -44,6 +46,24 @@ def test_it_acts_in_the_sessions_that_its_time_covers(effect):
     second = sessions == 1
     np.testing.assert_array_equal(acting[second], always[second])
     np.testing.assert_array_equal(acting[~second], plain[~second])
+
+
+@pytest.mark.parametrize("code", ["cubic_stiffness", "quadratic_drag"])
+def test_deviations_travel_as_they_do_where_it_acts(code):
+    argument = (1.0, 0.0) if code == "cubic_stiffness" else (0.0, 1.0)
+    effect = PlacedEffect(CATALOGUE[code], Port("state", 1), argument, theta=(2.0,))
+    u, sessions = commands(3)
+    windows = Windows.whole([slice(k * N, (k + 1) * N) for k in range(3)])
+
+    def slopes(effects):
+        simulator = make().with_effects(effects)
+        return tangent(simulator, simulator.run(u, windows, np.zeros((3, 2))), u, windows).A
+
+    without, always, acting = slopes([]), slopes([effect]), slopes([in_sessions(effect, 1, 2)])
+    second = sessions == 1
+    np.testing.assert_allclose(acting[second], always[second], atol=1e-9)
+    np.testing.assert_allclose(acting[~second], without[~second], atol=1e-9)
+    assert np.abs(always - without).max() > 1e-3
 
 
 def test_it_does_not_recur_in_other_records():

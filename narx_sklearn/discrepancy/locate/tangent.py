@@ -1,5 +1,6 @@
 """The tangent-linear model along a run: how small deviations travel and what the outputs show of them."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -93,7 +94,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     driven = transformed(
         u, "input", simulator.effects, np.ones(len(simulator.effects)), None, simulator.dt, windows
     )
-    at_rest = tuple(e for e in simulator.effects if e.port.kind == "state" and e.effect.memoryless)
+    lasting = [e for e in simulator.effects if e.port.kind == "state" and e.effect.memoryless]
     sensors = [e for e in simulator.effects if e.port.kind == "output"]
     raw = np.full((u.shape[0], n_outputs), np.nan)  # outputs before the effects on them
     steps_x, steps_u = _steps(run.x), _steps(driven)
@@ -108,8 +109,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
         inside[first:last] = True
         began[first:last] = start
     known = np.flatnonzero(inside & np.isfinite(run.x).all(axis=1))
-    for begin in range(0, known.size, BLOCK):
-        rows = known[begin : begin + BLOCK]
+    for rows, at_rest in _blocks(known, began, lasting, simulator.dt):
         stepper = _Stepper(simulator, p, driven, rows, seam, began)
         x = run.x[rows]
         if sensors:
@@ -135,6 +135,24 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
             D[:, effect.port.index] += of_second[:, None] * weights[:n_inputs]
             C[:, effect.port.index] += of_second[:, None] * weights[n_inputs:]
     return Tangent(A, B, G, C, D, P, F if simulator.sees_rates else None)
+
+
+def _blocks(
+    known: np.ndarray, began: np.ndarray, effects: Sequence[PlacedEffect], dt: float
+) -> Iterator[tuple[np.ndarray, tuple[PlacedEffect, ...]]]:
+    """Yield samples of a record, not too many at once, and the effects as they act there.
+
+    Single steps know the time since a session began only, so what counts it along the record is asked session
+    by session.
+    """
+    parts = [known]
+    if any(effect.during.along_record for effect in effects):
+        parts = np.split(known, np.flatnonzero(np.diff(began[known])) + 1)
+    for part in parts:
+        for begin in range(0, part.size, BLOCK):
+            rows = part[begin : begin + BLOCK]
+            start = int(began[rows[0]])
+            yield rows, tuple(e.acting(e.during.in_session(start, dt)) for e in effects)
 
 
 class _Stepper:
