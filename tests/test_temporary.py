@@ -242,8 +242,8 @@ def test_what_is_not_defined_outside_its_time_does_no_harm_there():
 def test_the_halves_and_the_middle_are_tried_where_no_stretch_stands_out(monkeypatch):
     u = drive(1000)
     problem = Problem(make(), u, u, cut([(slice(200, 1000), 200)], 200, 8), Noise.white(np.ones(1)))
-    assert large_parts(problem) == [Span(-np.inf, 8.0), Span(4.0, 12.0), Span(8.0, np.inf)]
-    monkeypatch.setattr(diagnosis, "spans_of", lambda stretches, problem: [])
+    assert large_parts(problem, problem.y) == [Span(-np.inf, 8.0), Span(4.0, 12.0), Span(8.0, np.inf)]
+    monkeypatch.setattr(diagnosis, "spans_of", lambda *_: [])
     dx = DiscrepancyRegressor(make(), effects=["coulomb_friction", "gain_drift"]).fit(*rubbed(start=1000))
     assert dx.findings_[0].effect == "coulomb_friction"
     assert dx.findings_[0].during == pytest.approx((1000 * DT, 2300 * DT), abs=8 * DT)
@@ -512,7 +512,7 @@ def test_sessions_have_times_of_their_own(rows, span):
     pieces = [(slice(0, 500), 0), (slice(500, 1000), 500)]
     problem = Problem(make(), u, u, cut(pieces, 100, 8), Noise.white(np.ones(1)))
     assert spans_of(stretches(*rows), problem)[0][:2] == pytest.approx(span)
-    assert large_parts(problem)[1][:2] == pytest.approx((2.5, 7.5))
+    assert large_parts(problem, problem.y)[1][:2] == pytest.approx((2.5, 7.5))
 
 
 @pytest.mark.long

@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
 from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_deviation, states_at
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
+from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.plain import (
     counted_from_zero,
@@ -33,7 +34,6 @@ from narx_sklearn.discrepancy.stages.temporary import (
     large_parts,
     may_stand_in,
     search_in_spans,
-    sessions_of,
     spans_of,
 )
 from narx_sklearn.discrepancy.stages.unforeseen import (
@@ -234,7 +234,8 @@ def _looked_into_parts(
     if found is not None:
         # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
         may_pass = found.verdict == "unknown" or may_stand_in(found.best.effects, searched)
-        spans = large_parts(searched.problem) if may_pass else sessions_of(searched.problem)
+        parts = large_parts if may_pass else sessions_of
+        spans = parts(searched.problem, stretches.residual)
         in_part = search_in_spans(spans, stretches.p, searched, structure, settings)
         if in_part is not None:
             searched = in_part
@@ -269,7 +270,8 @@ def _unless_noise(
             if law is not None and is_explained_by(problem, nothing, law, structure, settings):
                 return searched, Judgement("unknown", law, ((),), law), searched.p_value
         return searched, found, max(searched.p_value, remainder.p_value)
-    in_part = search_in_spans(large_parts(problem), stretches.p, searched, structure, settings)
+    parts = large_parts(problem, stretches.residual)
+    in_part = search_in_spans(parts, stretches.p, searched, structure, settings)
     named = in_part and judge(in_part, structure, settings)
     if in_part and named and named.verdict != "unknown":
         return in_part, named, in_part.p_value

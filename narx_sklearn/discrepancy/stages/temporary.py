@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ from narx_sklearn.discrepancy.stages.coloured_search import (
     kept_near,
     went_far,
 )
+from narx_sklearn.discrepancy.stages.in_sessions import sessions_of, to_sessions
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 
 DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
@@ -37,7 +37,6 @@ MOST = 0.8  # of the time that was looked at; what acts longer may as well act a
 LEADERS = 8  # effects that are fitted
 RIVALS = 6  # of those that always act, kept beside
 BEYOND = 4.0  # times what its tangent takes off, that an effect may take off once it is fitted
-MOST_SESSIONS = 6  # that are looked at one by one
 AT_AN_END = 0.02  # of the time, within which a stretch reaches an end of what was looked at
 FINEST = 1 / 500  # of the time, to which the ends of a stretch are settled
 PASSES = 3  # over both ends, at most
@@ -159,34 +158,6 @@ def _ends(problem: Problem, along_record: bool = False) -> tuple[float, float]:
     return float((windows.first - began).min()) * dt, float((windows.last - began).max()) * dt
 
 
-def sessions_of(problem: Problem) -> list[Span]:
-    """Return the sessions one by one, and what is after each of them; none where there is one, or many."""
-    began, dt = np.unique(problem.windows.began), problem.simulator.dt
-    if not 1 < began.size <= MOST_SESSIONS:
-        return []
-    edges = [-np.inf, *(began[1:] * dt).tolist(), np.inf]
-    alone = [Span(a, b, along_record=True) for a, b in pairwise(edges)]
-    return alone + [Span(edge, np.inf, along_record=True) for edge in edges[1:-2]]
-
-
-def _to_sessions(span: Span, problem: Problem) -> Span:
-    """Return a span along a record whose ends are those of sessions where next to nothing is in between."""
-    if not span.along_record:
-        return span
-    windows, dt = problem.windows, problem.simulator.dt
-    fitted = np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)]) * dt
-    edges = np.append(np.unique(windows.began) * dt, np.inf)
-    edges[0] = -np.inf
-    few = AT_AN_END * fitted.size / (edges.size - 1)
-
-    def moved(end: float) -> float:
-        between = [np.count_nonzero((fitted >= min(end, e)) & (fitted < max(end, e))) for e in edges]
-        nearest = int(np.argmin(between))
-        return float(edges[nearest]) if between[nearest] <= few else end
-
-    return span._replace(begins=moved(span.begins), ends=moved(span.ends))
-
-
 def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     """Return the times between which something may have acted: all stretches together, and the largest.
 
@@ -210,7 +181,7 @@ def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
             found += [Span(ends, np.inf)] * (begins == -np.inf) + [Span(-np.inf, begins)] * (ends == np.inf)
     return list(dict.fromkeys(found)) + [
         session
-        for session in sessions_of(problem)
+        for session in sessions_of(problem, stretches.residual)
         if np.any((table["stop"] * dt > session.begins) & (table["start"] * dt < session.ends))
     ]
 
@@ -230,12 +201,12 @@ def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
     return not any(effect.passes or effect.effect.code in DRIFTS for effect in effects)
 
 
-def large_parts(problem: Problem) -> list[Span]:
+def large_parts(problem: Problem, residual: np.ndarray) -> list[Span]:
     """Return the halves of the time that is looked at, its middle, and sessions."""
     first, last = _ends(problem)
     quarter = 0.25 * (last - first)
     halves = Span(-np.inf, first + 2 * quarter), Span(last - 2 * quarter, np.inf)
-    return [halves[0], Span(first + quarter, last - quarter), halves[1], *sessions_of(problem)]
+    return [halves[0], Span(first + quarter, last - quarter), halves[1], *sessions_of(problem, residual)]
 
 
 def _found_in(
@@ -406,5 +377,5 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
         before, best = best, descended(best, step)
         if best is before:
             break
-    span = _to_sessions(best.effects[0].during, problem)
+    span = to_sessions(best.effects[0].during, problem)
     return converged(problem, replace(best, fit=best.fit._replace(model=_in_span(best, span))))
