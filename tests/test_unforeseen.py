@@ -209,6 +209,20 @@ def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
     assert not leave_little(problem, seen, *candidates)
 
 
+def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):
+    drift = PlacedEffect(CATALOGUE["additive_drift"], Port("state", 1), theta=(0.5, 20.0, 0.0, 0.0))
+    slow = 0.6 * (1 - np.exp(-DT * np.arange(N) / 20.0))
+    for load, is_told in ((slow, True), (wandering(rng, 400, 0.3), False)):
+        u, y = record(rng, load=load)
+        problem, alone, structure = fitted(u, y)
+        _, told, _ = fitted(u, y, (drift,))
+        seen = look_for_unforeseen(problem, alone.model, structure)
+        candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
+        assert not leave_little(problem, seen, *candidates)
+        leading = which_leads(problem, seen, *candidates, structure, LEVEL)
+        assert (leading is None) == is_told
+
+
 @pytest.fixture(scope="module")
 def dropping_out():
     """A diagnosis of a machine whose input drops out now and then."""

@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.search.restricted import Contrasts, OwnNoise, own_
 from narx_sklearn.discrepancy.settings import Settings
 
 DRIFT, OFFSET, LOAD = "additive_drift", "sensor_bias", "constant_load"
+DRIFTS = {DRIFT, "gain_drift"}  # of any slow course: they may stand in for what acts for a while, or wanders
 LEVELS = 2  # ways in which an output may be slowly off: from the first sample on, or as time goes
 CONFIRMED = 4  # of the best candidates that may each show that it is not noise
 DOUBTFUL = 0.05  # chance of being noise, up to which an explanation stays beside a drift that is one too

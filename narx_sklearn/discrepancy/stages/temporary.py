@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Span
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank, out_of
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.search.confirm import chance_of_noise, clearer_noise, deviance, n_shapes
+from narx_sklearn.discrepancy.search.confirm import DRIFTS, chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.search.explain import FINE, IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
@@ -31,7 +31,6 @@ from narx_sklearn.discrepancy.stages.coloured_search import (
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of, to_sessions
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 
-DRIFTS = {"additive_drift", "gain_drift"}  # which may stand in for what acts for a while
 OF_TIME = {*DRIFTS, "stuck_sensor", "quantisation"}  # have times of their own, or none
 MOST = 0.8  # of the time that was looked at; what acts longer may as well act always
 LEADERS = 8  # effects that are fitted

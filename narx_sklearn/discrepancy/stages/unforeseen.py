@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.locate import BesideFit, Course, Entry, Refined
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.confirm import CLEARER
+from narx_sklearn.discrepancy.search.confirm import CLEARER, DRIFTS
 from narx_sklearn.discrepancy.search.generic import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.remainder import drifts_of, tangent_along
@@ -252,13 +252,16 @@ def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
     """Tell whether laws leave next to nothing of what something unforeseen does.
 
     Where next to no noise shows every disturbance, and when a law acts is known less well, it may not pay
-    for itself beside them, though it is most of what is missing.
+    for itself beside them, though it is most of what is missing. A drift is no law in this: it bends as what
+    wanders did on this record, and has to pay for that.
 
     Parameters
     ----------
     base, told : Candidate
         Without and with the laws.
     """
+    if any(effect.effect.code in DRIFTS for effect in told.effects):
+        return False
     deviations = [unforeseen.noise.deviation(output) for output in range(problem.y.shape[1])]
     plain = problem.with_noise(Noise.white(np.array(deviations)))
     without, with_laws = (fit(plain, c.fit.model, iterations=0).cost for c in (base, told))
