@@ -1,13 +1,23 @@
 """Forces that go as a product of two states: tried in every pair, told where none of the names does it."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, product_hypotheses
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import diagnosis
+from narx_sklearn.discrepancy.stages.coloured_search import Searched
+from narx_sklearn.discrepancy.stages.stretches import Stretches
 
 DT = 0.5
 CARRIED = 0.4  # of the heat, 1/s per m/s of flow
@@ -110,3 +120,49 @@ def test_an_input_that_acts_by_the_state_keeps_its_name():
     found = DiscrepancyRegressor(simulator(1.15), random_state=0).fit(u, y)
     assert found.verdict_ in ("explained", "ambiguous")
     assert found.findings_[0].effect == "bilinear_input"
+
+
+def voice_coil(x, u, p):
+    """A coil whose force factor, which the voltage it induces has too, falls off from the middle."""
+    factor = p[1] * (1.0 - p[5] * x[1] ** 2)
+    rate = 1000.0 * (u[0] - p[0] * x[0] - 0.001 * factor * x[2]) / p[2]
+    return rate, x[2], 5e4 * (factor * x[0] - p[3] * x[1] - 0.001 * p[4] * x[2])
+
+
+def make_coil(rhs, **more):
+    return ODESimulator(
+        rhs,
+        dt=2e-4,
+        parameters={"ohm": 4.0, "factor": 6.0, "mH": 1.5, "N/mm": 2.0, "N s/m": 1.5, **more},
+        states=["current [A]", "cone [mm]", "speed [mm/s]"],
+        inputs=["voltage [V]"],
+        outputs=["current [A]", "cone [mm]"],
+    )
+
+
+def even_coil(x, u, p):
+    """One whose force factor is the same everywhere."""
+    rate = 1000.0 * (u[0] - p[0] * x[0] - 0.001 * p[1] * x[2]) / p[2]
+    return rate, x[2], 5e4 * (p[1] * x[0] - p[3] * x[1] - 0.001 * p[4] * x[2])
+
+
+def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch):
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.normal(0, 6, 250), 10)[:, None]
+    y = make_coil(voice_coil, fall=0.002).simulate(u)
+    sigma = 0.02 * y.std(axis=0)
+    y = y + sigma * rng.normal(size=y.shape)
+    problem = Problem(make_coil(even_coil), u, y, cut([(slice(0, 2500), 0)], 500, 12), Noise.white(sigma))
+    refitted = fit(problem, Model(problem.simulator.nominal, (), np.zeros((5, 3))))
+    structure = find_structure(problem.simulator, problem.run(refitted.model).x, u)
+    settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+    monkeypatch.setattr(diagnosis, "search_in_spans", lambda *_: None)
+    none = Stretches(pd.DataFrame(columns=["start", "stop", "share"]), refitted.model.p, np.zeros_like(y))
+    _, told, p_value = diagnosis._unless_noise(
+        None, Searched(problem, refitted, []), none, structure, settings
+    )
+    (law,) = told.best.effects
+    assert (law.effect.code, law.port, law.argument_name) == (WITH_SQUARE, Port("state", 2), "current")
+    assert law.theta[0] == pytest.approx(-5e4 * 6.0 * 0.002, rel=0.2)  # it takes a part of the other
+    assert told.against_noise
+    assert p_value < 0.0025

@@ -47,11 +47,12 @@ from narx_sklearn.discrepancy.stages.unnamed import (
     best_pulsating,
     best_unnamed,
     held_where_seen,
-    is_explained_by,
+    left_by_law,
 )
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
+MOSTLY = 0.5  # of what is missing: a law that leaves more is not what is missing
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 
 
@@ -267,7 +268,7 @@ def _unless_noise(
     if remainder.p_value > settings.alpha_nameless:
         if searched.p_value <= settings.alpha:
             law = best_unnamed(problem, refitted, nothing, structure, settings, searched.hypotheses)
-            if law is not None and is_explained_by(problem, nothing, law, structure, settings):
+            if law is not None and left_by_law(problem, nothing, law, structure, settings).is_little:
                 return searched, Judgement("unknown", law, ((),), law), searched.p_value
         return searched, found, max(searched.p_value, remainder.p_value)
     parts = large_parts(problem, stretches.residual)
@@ -275,13 +276,15 @@ def _unless_noise(
     named = in_part and judge(in_part, structure, settings)
     if in_part and named and named.verdict != "unknown":
         return in_part, named, in_part.p_value
-    unnamed, against_noise = None, remainder.speaking(settings.alpha_nameless)
+    against_noise = remainder.speaking(settings.alpha_nameless)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
-    if waves or any(sign.kind == "follows" for sign in against_noise):
-        known = searched.hypotheses
-        unnamed = best_unnamed(problem, refitted, nothing, structure, settings, known, waves)
-    if unnamed is not None and is_explained_by(problem, nothing, unnamed, structure, settings):
-        return searched, Judgement("unknown", unnamed, ((),), unnamed), remainder.p_value
+    unnamed = best_unnamed(problem, refitted, nothing, structure, settings, searched.hypotheses, waves)
+    if unnamed is not None:
+        left = left_by_law(problem, nothing, unnamed, structure, settings)
+        if left.share < MOSTLY:
+            signs = () if left.is_little else left.signs
+            told = Judgement("unknown", unnamed, ((),), unnamed, against_noise=signs)
+            return searched, told, remainder.p_value
     told = Judgement("unknown", nothing, (), unnamed, against_noise=against_noise)
     return searched, told, remainder.p_value
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.products import best_product
-from narx_sklearn.discrepancy.stages.remainder import look_at_remainder, look_for_pulse
+from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder, look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
 SUSPECT = 0.05  # level at which something counts that is no finding of its own
@@ -136,19 +137,30 @@ def curves_along(problem: Problem, found: Fit, structure: Structure) -> list[Hyp
     return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
 
 
-def is_explained_by(
-    problem: Problem, base: Candidate, curve: Candidate, structure: Structure, settings: Settings
-) -> bool:
-    """Tell whether a curve takes off more than noise of any colour would let it, and leaves noise.
+class LeftByLaw(NamedTuple):
+    """What a law without a name leaves of what is missing."""
 
-    A broken line has corners that a smooth law has not: what it leaves may be no noise, if it is little.
-    """
-    gained = deviance(problem, base.fit.model) - deviance(problem, curve.fit.model)
-    if chance_of_noise(gained, 1, n_shapes(curve.effects[0], problem)) > SUSPECT:
-        return False
-    rest = look_at_remainder(problem, curve.fit.model, structure, settings.random_state)
-    taken_off = base.fit.cost - curve.fit.cost
-    return not any(
-        sign.gain == 0 or sign.gain > UNEXPLAINED * (taken_off + sign.gain)  # of some signs it is not known
-        for sign in rest.speaking(settings.alpha_nameless)
-    )
+    share: float  # that the strongest sign holds, of what it and the law do; 1 where the law may be noise
+    signs: tuple[Sign, ...]  # that speak against noise
+
+    @property
+    def is_little(self) -> bool:
+        """Whether the law explains what is missing.
+
+        A broken line has corners that a smooth law has not: what it leaves may be no noise, if it is little.
+        """
+        return self.share <= UNEXPLAINED
+
+
+def left_by_law(
+    problem: Problem, base: Candidate, law: Candidate, structure: Structure, settings: Settings
+) -> LeftByLaw:
+    """Return what a law leaves, if it takes off more than noise of any colour would let it."""
+    gained = deviance(problem, base.fit.model) - deviance(problem, law.fit.model)
+    if chance_of_noise(gained, 1, n_shapes(law.effects[0], problem)) > SUSPECT:
+        return LeftByLaw(1.0, ())
+    rest = look_at_remainder(problem, law.fit.model, structure, settings.random_state)
+    signs = rest.speaking(settings.alpha_nameless)
+    taken_off = base.fit.cost - law.fit.cost
+    of_some_unknown = [sign.gain / (taken_off + sign.gain) if sign.gain else 1.0 for sign in signs]
+    return LeftByLaw(max(of_some_unknown, default=0.0), signs)
