@@ -1,6 +1,7 @@
 """DiscrepancyRegressor: what it says of known systems, how it behaves in scikit-learn, what it refuses."""
 
 import pickle
+import re
 import warnings
 from copy import copy
 from dataclasses import replace
@@ -111,7 +112,13 @@ class TestVerdicts:
         for k in range(1, 2500):
             e[k] = 0.9 * e[k - 1] + rng.normal()
         y = nominal().simulate(u)[:, 0] + 0.02 * e
-        assert DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y).verdict_ == "consistent"
+        dx = DiscrepancyRegressor(nominal(), effects=SOME).fit(u, y)
+        assert dx.verdict_ == "consistent"
+        size, new = re.search(
+            r"position \[m\]: ([\d.]+), ([\d.]+) of it new in each sample", dx.report_
+        ).groups()
+        assert float(size) == pytest.approx(0.02 / np.sqrt(1 - 0.9**2), rel=0.2)
+        assert float(new) == pytest.approx(0.02, rel=0.1)
 
 
 class TestHeldOut:

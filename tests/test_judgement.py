@@ -7,7 +7,7 @@ import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.findings import argument_told
+from narx_sklearn.discrepancy.findings import _range_of, argument_told
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -360,3 +360,10 @@ def test_a_name_refuted_by_its_power_gives_way_to_one_that_does_as_well():
     power = Candidate(fit(problem, start._replace(effects=(square,)), iterations=1), problem.n_seen)
     assert _without_its_power(best, other, ((power, clearance),)) == [clearance]
     assert _without_its_power(best, best, ((clearance,),)) == []  # it has its power
+
+
+def test_what_is_rounding_is_told_as_zero():
+    assert _range_of(np.array([-3.27, 0.5, 1.42e-14])) == (-3.27, 0.5)
+    assert _range_of(np.array([-3.27, 1.42e-14])) == (-3.27, 0.0)
+    assert _range_of(np.zeros(3)) == (0.0, 0.0)
+    assert _range_of(np.empty(0)) is None

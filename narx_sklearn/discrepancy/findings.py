@@ -30,6 +30,7 @@ from narx_sklearn.discrepancy.units import in_seconds, tidy_unit
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 NOTHING = 1e-3  # of the most that an effect adds
+ROUNDING = 1e-9  # of the same
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -83,7 +84,7 @@ def make_findings(
                 in_sessions=sessions_in_words(placed, diagnosis.problem.windows, simulator.dt),
                 untold=tuple(compress(names, untold)),
                 together=_together(diagnosis, i),
-                adds=(float(added[i][1].min()), float(added[i][1].max())) if added[i][1].size else None,
+                adds=_range_of(added[i][1]),
                 adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
                 where=where_in_words(placed, *added[i]),
                 stands=verdict != "unknown" or diagnosis.unforeseen is not None,
@@ -96,6 +97,15 @@ def make_findings(
             )
         )
     return found
+
+
+def _range_of(added: np.ndarray) -> tuple[float, float] | None:
+    """Return the least and the most that an effect adds, zero where that is rounding; None if unknown."""
+    if not added.size:
+        return None
+    ends = np.array([added.min(), added.max()])
+    ends[np.abs(ends) <= ROUNDING * np.abs(ends).max()] = 0.0
+    return float(ends[0]), float(ends[1])
 
 
 def _together(diagnosis: Diagnosis, i: int) -> tuple[str, ...]:
@@ -327,9 +337,10 @@ def seen_in_words(placed: PlacedEffect) -> str:
     if not ends or ends == [*ANYWHERE]:
         return ""
     x, v = (f"from {a:.3g} to {b:.3g}" for a, b in (ends[:2], ends[2:]))
-    return f"It was seen for {placed.argument_name} {x} {placed.argument_unit}".rstrip() + (
-        f", v {v}; beyond that it stays as it is there."
-    )
+    unit = placed.argument_unit
+    rate = tidy_unit(f"{unit}/s") if unit else ""
+    seen = f"It was seen for {placed.argument_name} {x} {unit}".rstrip() + f", its rate v {v} {rate}".rstrip()
+    return f"{seen}; beyond that it stays as it is there."
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

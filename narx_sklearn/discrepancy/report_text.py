@@ -24,6 +24,7 @@ from narx_sklearn.discrepancy.units import in_seconds, rounded
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
 A_FACTOR = 0.05  # relative: changes of parameters as near to each other are by one factor
+FEWEST_DIGITS, MOST_DIGITS = 4, 8  # with which a number is written
 
 
 def report_text(dx) -> str:
@@ -107,8 +108,10 @@ def _what(dx) -> list[str]:
                 lines.append(f"   {name}: these data do not tell it")
                 continue
             low, high = finding.intervals[name]
-            value_text = _quantity(value, finding.units[name])
-            interval = f"   ({low:.4g} to {high:.4g})" if low < high else ""  # none of what is given
+            digits = digits_that_part(low, value, high)
+            value_text = _quantity(value, finding.units[name], digits)
+            is_given = low == high
+            interval = "" if is_given else f"   ({low:.{digits}g} to {high:.{digits}g})"
             lines.append(f"   {name} = {value_text}{interval}")
         if finding.together:
             lines.append(f"   Of {_listed(finding.together)} only what they do together is told.")
@@ -216,16 +219,31 @@ def _quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-", "1"} else "")
 
 
+def digits_that_part(*values: float) -> int:
+    """Return with how many digits values differ as they are written: four, or more where they are close.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.report_text import digits_that_part
+    >>> digits_that_part(0.9, 1.0, 1.1), digits_that_part(44.99987, 44.99991, 45.00012)
+    (4, 7)
+    """
+    digits = range(FEWEST_DIGITS, MOST_DIGITS)
+    return next(
+        (n for n in digits if len({f"{value:.{n}g}" for value in values}) == len(set(values))), MOST_DIGITS
+    )
+
+
 def _parameters(dx) -> list[str]:
     if dx.parameters_.empty:
         return []
     lines = ["Parameters of the simulation:"]
     for name, row in dx.parameters_.iterrows():
-        value = _quantity(row["augmented"], row["unit"])
-        lines.append(
-            f"   {name} = {value}   ({row['augmented_low']:.4g} to {row['augmented_high']:.4g}), "
-            f"nominal {row['nominal']:.4g}"
-        )
+        low, high = row["augmented_low"], row["augmented_high"]
+        digits = digits_that_part(low, row["augmented"], high)
+        value = _quantity(row["augmented"], row["unit"], digits)
+        interval = f"({low:.{digits}g} to {high:.{digits}g})"
+        lines.append(f"   {name} = {value}   {interval}, nominal {row['nominal']:.4g}")
     lines += [f"   {said}" for said in about_parameters(dx)]
     return [*lines, ""]
 
@@ -361,11 +379,16 @@ def how_it_extrapolates(dx) -> str:
 
 def _noise(dx) -> list[str]:
     lines = ["Noise estimated on:"]
-    for name, noise in dx.noise_.items():
+    deviations = map(dx.conclusion_.diagnosis.problem.noise.deviation, range(len(dx.noise_)))
+    for (name, noise), deviation in zip(dx.noise_.items(), deviations, strict=True):
         colour = "white"
         if noise["moving_average"]:
             colour = "drifting" if noise["autoregression"][0] > 0.99 else "coloured, with a slow part"
         elif noise["autoregression"]:
             colour = f"coloured, order {len(noise['autoregression'])}"
-        lines.append(f"   {name}: {noise['sigma']:.3g}, {colour}")
+        new = f"{noise['sigma']:.3g}"
+        size = new if colour == "white" else f"{deviation:.3g}, {new} of it new in each sample"
+        if not np.isfinite(deviation):
+            size = f"{new} new in each sample"
+        lines.append(f"   {name}: {size}, {colour}")
     return lines

@@ -63,6 +63,7 @@ class Structure(NamedTuple):
         return {Port("state", int(i)) for i in np.flatnonzero(self.inputs[:, port.index])}
 
 
+@np.errstate(over="ignore", invalid="ignore")  # along a run that is about to be lost
 def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Structure:
     """Probe the right-hand side along a run, x (n_samples, n_states) and u (n_samples, n_inputs)."""
     n = len(simulator.states)
