@@ -3,6 +3,7 @@
 import copy
 import math
 import pickle
+import types
 import warnings
 
 import numpy as np
@@ -137,6 +138,46 @@ def test_python_fallback_runs_as_compiled():
     with pytest.warns(NarxWarning, match="Tank could not be compiled"):
         y = ODESimulator(Tank(), **TANK).simulate(u)
     np.testing.assert_allclose(y, ODESimulator(tank, **TANK).simulate(u), rtol=1e-12, atol=1e-15)
+
+
+def falls(level):
+    return max(level, 0.0)
+
+
+def outflow(level, width):
+    return width * math.sqrt(falls(level))
+
+
+def factorial(n):
+    return 1.0 if n <= 1 else n * factorial(n - 1)
+
+
+def make_enclosed(scale):
+    def inflow(volts):
+        return scale * volts
+
+    def enclosed(x, u, p):
+        return (p[0] * inflow(u[0]) - p[1] * outflow(x[0], 0.5),)
+
+    return enclosed
+
+
+def test_functions_that_equations_call_are_compiled_with_them():
+    def written_out(x, u, p):
+        return (p[0] * 2.0 * u[0] - p[1] * 0.5 * math.sqrt(max(x[0], 0.0)),)
+
+    def recursive(x, u, p):
+        return (p[0] * factorial(3) * u[0] / 3.0 - p[1] * outflow(x[0], 0.5),)
+
+    u = np.random.default_rng(0).uniform(size=200)
+    expected = ODESimulator(written_out, **TANK).simulate(u)
+    simulator = ODESimulator(make_enclosed(2.0), **TANK)
+    assert simulator.compiled
+    np.testing.assert_allclose(simulator.simulate(u), expected, rtol=1e-12)
+    with pytest.warns(NarxWarning, match="recursive could not be compiled"):
+        y = ODESimulator(recursive, **TANK).simulate(u)  # a function that calls itself runs as Python
+    np.testing.assert_allclose(y, expected, rtol=1e-12)
+    assert type(outflow) is type(falls) is types.FunctionType  # they are still what they were
 
 
 def test_fallback_says_where_a_number_was_not_taken_from_an_array():

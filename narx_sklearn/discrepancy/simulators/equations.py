@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from inspect import Parameter, signature
-from types import FunctionType
+from types import CellType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -158,11 +158,38 @@ def _executed(source: str, values: Mapping[str, Any], functions: Mapping[str, Ca
     return space["write"]
 
 
-def _jitted(function: Callable, checked: bool = True):
+def _jitted(function: Callable, checked: bool = True, within: tuple[Callable, ...] = ()):
+    """Return a function compiled, with the plain functions that it calls; those ``within`` call it."""
     if not isinstance(function, FunctionType):
         return function  # compiled already, or known to numba
     # bounds are checked: an index past the end would otherwise read whatever lies there
-    return njit(error_model="numpy", nogil=True, boundscheck=checked)(function)
+    whole = _with_what_it_calls(function, (*within, function))
+    return njit(error_model="numpy", nogil=True, boundscheck=checked)(whole)
+
+
+def _with_what_it_calls(function: FunctionType, within: tuple[Callable, ...]) -> FunctionType:
+    """Return a function for which the plain functions that it calls by name, or encloses, are compiled.
+
+    One that calls itself, or one that calls it, is left as it is, which does not compile.
+    """
+
+    def is_called(value) -> bool:
+        return isinstance(value, FunctionType) and value not in within
+
+    known, enclosed = function.__globals__, function.__closure__ or ()
+    called = {name: known[name] for name in function.__code__.co_names if is_called(known.get(name))}
+    if not called and not any(is_called(cell.cell_contents) for cell in enclosed):
+        return function
+    names = {name: _jitted(value, within=within) for name, value in called.items()}
+    cells = tuple(
+        CellType(_jitted(cell.cell_contents, within=within)) if is_called(cell.cell_contents) else cell
+        for cell in enclosed
+    )
+    copy = FunctionType(
+        function.__code__, {**known, **names}, function.__name__, function.__defaults__, cells or None
+    )
+    copy.__kwdefaults__ = function.__kwdefaults__
+    return copy
 
 
 def _reach(function: FunctionType) -> tuple[int, ...] | None:
