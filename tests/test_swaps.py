@@ -1,5 +1,6 @@
 """What would change a fitted run as a member of its set does, tried in that member's place."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -173,6 +174,22 @@ def test_what_a_law_becomes_at_an_edge_is_fitted_from_there(problem):
     assert codes([beside]) == [["constant_load", "coulomb_friction"]]
     assert special_cases(problem, stribeck, [hypothesis(COULOMB, asked=False)]) == []
     assert special_cases(problem, fitted(problem, COULOMB), RIVALS) == []
+
+
+def test_what_the_law_has_fixed_begins_as_ever(problem):
+    """Sticking that gives way over next to nothing is Stribeck's friction, of which the exponent is free."""
+    tall = [at_velocity("stribeck_friction", 0.3, 1.6, 0.2, 2.0)]
+    y = make_axis(1.1, 0.4).with_effects(tall).simulate(problem.u)
+    stepped = replace(problem, y=y + 0.002 * np.random.default_rng(1).normal(size=y.shape))
+    presliding = at_velocity("presliding_friction", 0.3, 1e-6, 1.6, 0.2, 0.0)
+    x0 = np.column_stack([y[:, 0], np.gradient(y[:, 0], problem.simulator.dt)])[problem.windows.first]
+    near = Model(np.array([1.1, 0.4]), (presliding,), x0)
+    general = Candidate(fit(stepped, near), problem.n_seen)
+    stuck = hypothesis(at_velocity("stribeck_friction", 0.4, 1.0, 5.0, 2.0))
+    found = special_cases(stepped, general, [*RIVALS, stuck])
+    costs = {c.effects[0].effect.code: c.fit.cost for c in found}
+    assert costs["stribeck_friction"] < 1.1 * problem.n_seen
+    assert costs["coulomb_friction"] > 1.2 * problem.n_seen
 
 
 def at_drive(code, *theta):

@@ -48,17 +48,22 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
 
     Friction that holds and lets go makes a cost full of steps, on one of which the simpler law may have been
     left standing; where its parameters are those of the more general by name, they are as good a beginning.
+    One that the more general has none of, as it is fixed there, begins as ever.
     """
     asked = {h.placed.effect.code: h.placed.effect for h in hypotheses if h.asked}
+    ordinary = {h.placed.place: h.starts[0] for h in hypotheses if len(h.starts)}
     found = []
     for i, member in enumerate(best.effects):
         general, n = member.effect, len(member.effect.parameters)
-        given = dict(zip((p.name for p in general.parameters), member.theta, strict=False))
+        given = {(p.name, p.unit): value for p, value in zip(general.parameters, member.theta, strict=False)}
         for special in (asked[code] for code in general.holds if code in asked):
-            names = [p.name for p in special.parameters]
-            if special.argument != general.argument or not given.keys() >= set(names):
+            names = [(p.name, p.unit) for p in special.parameters]
+            begun = ordinary.get(replace(member, effect=special).always().place, ())
+            known = {**dict(zip(names, begun, strict=False)), **given}
+            is_alike = special.argument == general.argument and names[0] in given
+            if not is_alike or not known.keys() >= set(names):
                 continue
-            theta = (*(given[name] for name in names), *member.theta[n:])
+            theta = (*(float(known[name]) for name in names), *member.theta[n:])
             effects = (
                 *best.effects[:i],
                 replace(member, effect=special, theta=theta),
