@@ -11,13 +11,16 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, product_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
+from narx_sklearn.discrepancy.stages.products import best_product
 from narx_sklearn.discrepancy.stages.stretches import Stretches
+from narx_sklearn.discrepancy.stages.unnamed import left_by_law
 
 DT = 0.5
 CARRIED = 0.4  # of the heat, 1/s per m/s of flow
@@ -146,21 +149,39 @@ def even_coil(x, u, p):
     return rate, x[2], 5e4 * (p[1] * x[0] - p[3] * x[1] - 0.001 * p[4] * x[2])
 
 
-def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch):
+SETTINGS = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+
+
+def recorded_coil(fall):
+    """Return the problem of a coil, its refit and structure."""
     rng = np.random.default_rng(0)
     u = np.repeat(rng.normal(0, 6, 250), 10)[:, None]
-    y = make_coil(voice_coil, fall=0.002).simulate(u)
+    y = make_coil(voice_coil, fall=fall).simulate(u)
     sigma = 0.02 * y.std(axis=0)
     y = y + sigma * rng.normal(size=y.shape)
     problem = Problem(make_coil(even_coil), u, y, cut([(slice(0, 2500), 0)], 500, 12), Noise.white(sigma))
     refitted = fit(problem, Model(problem.simulator.nominal, (), np.zeros((5, 3))))
-    structure = find_structure(problem.simulator, problem.run(refitted.model).x, u)
-    settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+    return problem, refitted, find_structure(problem.simulator, problem.run(refitted.model).x, u)
+
+
+def test_a_law_that_no_test_has_asked_for_pays_for_all_that_were_tried():
+    problem, refitted, structure = recorded_coil(fall=2e-4)
+    law = best_product(problem, refitted, refitted, structure)
+    nothing = Candidate(refitted, problem.n_seen)
+    gained = refitted.cost - law.fit.cost
+    assert 6.0 < gained < 20.0
+    asked = left_by_law(problem, nothing, law, structure, SETTINGS)
+    assert asked.is_little
+    by_itself = left_by_law(problem, nothing, law, structure, SETTINGS, 200, SETTINGS.alpha)
+    assert not by_itself.is_little
+
+
+def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch):
+    problem, refitted, structure = recorded_coil(fall=0.002)
     monkeypatch.setattr(diagnosis, "search_in_spans", lambda *_: None)
-    none = Stretches(pd.DataFrame(columns=["start", "stop", "share"]), refitted.model.p, np.zeros_like(y))
-    _, told, p_value = diagnosis._unless_noise(
-        None, Searched(problem, refitted, []), none, structure, settings
-    )
+    none = Stretches(pd.DataFrame(columns=["start", "stop", "share"]), refitted.model.p, problem.y)
+    searched = Searched(problem, refitted, [])
+    _, told, p_value = diagnosis._unless_noise(None, searched, none, structure, SETTINGS)
     (law,) = told.best.effects
     assert (law.effect.code, law.port, law.argument_name) == (WITH_SQUARE, Port("state", 2), "current")
     assert law.theta[0] == pytest.approx(-5e4 * 6.0 * 0.002, rel=0.2)  # it takes a part of the other

@@ -267,8 +267,11 @@ def _unless_noise(
     nothing = Candidate(refitted, problem.n_seen)
     if remainder.p_value > settings.alpha_nameless:
         if searched.p_value <= settings.alpha:
-            law = best_unnamed(problem, refitted, nothing, structure, settings, searched.hypotheses)
-            if law is not None and left_by_law(problem, nothing, law, structure, settings).is_little:
+            known = searched.hypotheses
+            law = best_unnamed(problem, refitted, nothing, structure, settings, known)
+            # one weak sign, of what no name explains, is no finding: the law has to be one by itself
+            alone = max(len(known), 1), settings.alpha
+            if law is not None and left_by_law(problem, nothing, law, structure, settings, *alone).is_little:
                 return searched, Judgement("unknown", law, ((),), law), searched.p_value
         return searched, found, max(searched.p_value, remainder.p_value)
     parts = large_parts(problem, stretches.residual)

@@ -153,11 +153,17 @@ class LeftByLaw(NamedTuple):
 
 
 def left_by_law(
-    problem: Problem, base: Candidate, law: Candidate, structure: Structure, settings: Settings
+    problem: Problem,
+    base: Candidate,
+    law: Candidate,
+    structure: Structure,
+    settings: Settings,
+    n_tried: int = 1,
+    level: float = SUSPECT,
 ) -> LeftByLaw:
-    """Return what a law leaves, if it takes off more than noise of any colour would let it."""
+    """Return what a law leaves, if it takes off more than noise of any colour would let the best of some."""
     gained = deviance(problem, base.fit.model) - deviance(problem, law.fit.model)
-    if chance_of_noise(gained, 1, n_shapes(law.effects[0], problem)) > SUSPECT:
+    if chance_of_noise(gained, n_tried, n_shapes(law.effects[0], problem)) > level:
         return LeftByLaw(1.0, ())
     rest = look_at_remainder(problem, law.fit.model, structure, settings.random_state)
     signs = rest.speaking(settings.alpha_nameless)
