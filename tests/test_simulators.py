@@ -180,6 +180,29 @@ def test_functions_that_equations_call_are_compiled_with_them():
     assert type(outflow) is type(falls) is types.FunctionType  # they are still what they were
 
 
+def test_what_a_called_function_reads_is_read_anew():
+    space = {"width": 0.5, "table": np.array([0.0, 1.0])}
+    exec(
+        "def drains(h):\n    return width * h * table[1]\n"
+        "def equations(x, u, p):\n    return (p[0] * u[0] - p[1] * drains(x[0]),)",
+        space,
+    )
+    u = np.random.default_rng(0).uniform(size=50)
+
+    def simulated():
+        simulator = ODESimulator(space["equations"], **TANK)
+        assert simulator.compiled
+        return simulator.simulate(u)
+
+    before = simulated()
+    np.testing.assert_array_equal(simulated(), before)
+    space["width"] = 1.0
+    wider = simulated()
+    assert np.abs(wider - before).max() > 0.01
+    space["width"], space["table"] = 0.5, np.array([0.0, 2.0])
+    np.testing.assert_array_equal(simulated(), wider)
+
+
 def test_fallback_says_where_a_number_was_not_taken_from_an_array():
     simulator = ODESimulator(lambda x, u, p: (p[0] * u - p[1] * x[0],), **TANK)
     with pytest.warns(NarxWarning, match=r"an array; take numbers by place, such as u\[0\] for u"):

@@ -18,6 +18,8 @@ from narx_sklearn.discrepancy.simulators.kernels import EQUATION
 from narx_sklearn.exceptions import NarxWarning
 
 KEPT = 128  # compiled functions remembered
+LARGEST = 1 << 20  # bytes of a table that is remembered with them
+KNOWN_TO_NUMBA = {"numpy", "scipy", "numba"}  # whose functions it calls by versions of its own
 # What compiled arithmetic answers with inf or NaN raises in Python; the run ends there in the same way.
 UNDEFINED = ("math domain error", "math range error", "expected a ")
 ARRAY_WRITTEN = re.compile(r"setitem\(array\(float64, 1d, \w\), Literal\[int\]\(\d+\), .*array\(")
@@ -67,12 +69,29 @@ def _identity(function: Callable):
     """Return what tells functions apart: code, defaults, enclosed and global values; or the object."""
     if not isinstance(function, FunctionType):
         return function if _is_hashable(function) else _Same(function)
-    enclosed = tuple(cell.cell_contents for cell in function.__closure__ or ())
-    known = function.__globals__
-    used = tuple((name, known[name]) for name in function.__code__.co_names if name in known)
-    values = (function.__defaults__, enclosed, used)
-    identity = (function.__code__, values, _types(values))
+    identity = _computes(function, ())
     return identity if _is_hashable(identity) else function
+
+
+def _computes(value: Any, within: tuple[Any, ...]):
+    """Return what a value comes to in code: of a user's function what it computes, of a table its numbers."""
+    if isinstance(value, np.ndarray) and value.nbytes <= LARGEST:
+        return value.shape, value.dtype.str, value.tobytes()
+    if not _is_users(value) or value in within:
+        return value
+    inside = (*within, value)
+    known = value.__globals__
+    enclosed = tuple(_computes(cell.cell_contents, inside) for cell in value.__closure__ or ())
+    used = tuple((name, _computes(known[name], inside)) for name in value.__code__.co_names if name in known)
+    values = (value.__defaults__, enclosed, used)
+    return (value.__code__, values, _types(values))
+
+
+def _is_users(value) -> bool:
+    """Tell whether a value is a plain function, and none of which the compiler has an own version."""
+    if not isinstance(value, FunctionType):
+        return False
+    return (value.__module__ or "").partition(".")[0] not in KNOWN_TO_NUMBA  # what was typed in has no module
 
 
 class _Same:
@@ -174,7 +193,7 @@ def _with_what_it_calls(function: FunctionType, within: tuple[Callable, ...]) ->
     """
 
     def is_called(value) -> bool:
-        return isinstance(value, FunctionType) and value not in within
+        return _is_users(value) and value not in within
 
     known, enclosed = function.__globals__, function.__closure__ or ()
     called = {name: known[name] for name in function.__code__.co_names if is_called(known.get(name))}

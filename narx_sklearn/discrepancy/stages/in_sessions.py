@@ -24,7 +24,8 @@ def sessions_of(problem: Problem, residual: np.ndarray) -> list[Span]:
     spans = alone + [Span(edge, np.inf, along_record=True) for edge in edges[1:-2]]
     if len(spans) <= MOST_SPANS:
         return spans
-    size = np.sqrt(np.nanmean(residual**2, axis=0))
+    known = np.isfinite(residual).sum(axis=0)
+    size = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(known, 1))
     pieces = np.split(residual / np.where(size > 0, size, 1.0), began[1:])
     cost = np.array([np.nansum(piece**2) for piece in pieces])
     values = np.array([np.count_nonzero(np.isfinite(piece)) for piece in pieces])
