@@ -180,8 +180,9 @@ def test_functions_that_equations_call_are_compiled_with_them():
     assert type(outflow) is type(falls) is types.FunctionType  # they are still what they were
 
 
-def test_what_a_called_function_reads_is_read_anew():
-    space = {"width": 0.5, "table": np.array([0.0, 1.0])}
+@pytest.mark.parametrize("size", [2, 5000])
+def test_what_a_called_function_reads_is_read_anew(size):
+    space = {"width": 0.5, "table": np.arange(size, dtype=float)}
     exec(
         "def drains(h):\n    return width * h * table[1]\n"
         "def equations(x, u, p):\n    return (p[0] * u[0] - p[1] * drains(x[0]),)",
@@ -199,7 +200,7 @@ def test_what_a_called_function_reads_is_read_anew():
     space["width"] = 1.0
     wider = simulated()
     assert np.abs(wider - before).max() > 0.01
-    space["width"], space["table"] = 0.5, np.array([0.0, 2.0])
+    space["width"], space["table"] = 0.5, 2.0 * np.arange(size)
     np.testing.assert_array_equal(simulated(), wider)
 
 

@@ -214,7 +214,7 @@ def what_is_not_confirmed(dx) -> str:
     )
 
 
-def _quantity(value: float, unit: str, digits: int = 4) -> str:
+def _quantity(value: float, unit: str, digits: int) -> str:
     """Return a value with its unit, where it has one."""
     return f"{value:.{digits}g}" + (f" {unit}" if unit not in {"", "-", "1"} else "")
 

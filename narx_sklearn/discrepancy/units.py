@@ -175,6 +175,18 @@ def scale_to(given: str, wanted: str) -> float | None:
     return a / b if dimension == other else None
 
 
+def may_be_alike(unit: str, other: str) -> bool:
+    """Tell whether two units may measure the same; one that nobody told measures anything.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.units import may_be_alike
+    >>> may_be_alike("cm", "m"), may_be_alike("cm", ""), may_be_alike("cm", "m/s")
+    (True, True, False)
+    """
+    return not (unit and other) or scale_to(unit, other) is not None
+
+
 def is_per_time(unit: str) -> bool:
     """Tell whether a unit counts something per time.
 

@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.units import is_per_time, rate_of, scale_to, tidy_unit
+from narx_sklearn.discrepancy.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
@@ -273,12 +273,10 @@ def _onward(placed: PlacedEffect, simulator: Simulator, structure: Structure) ->
     i = placed.port.index
     unit = simulator.states[i].unit
     fed = [j for j in range(structure.kinematic.size) if j != i and structure.states[j, i]]
-    return [-1, *(j for j in fed if not structure.kinematic[j] and _alike(unit, simulator.states[j].unit))]
-
-
-def _alike(unit: str, other: str) -> bool:
-    """Tell whether two units may measure the same; one that nobody told measures anything."""
-    return not (unit and other) or scale_to(unit, other) is not None
+    return [
+        -1,
+        *(j for j in fed if not structure.kinematic[j] and may_be_alike(unit, simulator.states[j].unit)),
+    ]
 
 
 class Argument(NamedTuple):

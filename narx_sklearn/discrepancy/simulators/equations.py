@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.simulators.kernels import EQUATION
 from narx_sklearn.exceptions import NarxWarning
 
 KEPT = 128  # compiled functions remembered
-LARGEST = 1 << 20  # bytes of a table that is remembered with them
+LARGEST = 1 << 14  # bytes of a table that is compared by its numbers, which every run asks for
 KNOWN_TO_NUMBA = {"numpy", "scipy", "numba"}  # whose functions it calls by versions of its own
 # What compiled arithmetic answers with inf or NaN raises in Python; the run ends there in the same way.
 UNDEFINED = ("math domain error", "math range error", "expected a ")
@@ -74,9 +74,13 @@ def _identity(function: Callable):
 
 
 def _computes(value: Any, within: tuple[Any, ...]):
-    """Return what a value comes to in code: of a user's function what it computes, of a table its numbers."""
-    if isinstance(value, np.ndarray) and value.nbytes <= LARGEST:
-        return value.shape, value.dtype.str, value.tobytes()
+    """Return what a value comes to in code: of a user's function what it computes, of a table its numbers.
+
+    A large table is told by which object it is.
+    """
+    if isinstance(value, np.ndarray):
+        is_small = value.nbytes <= LARGEST
+        return (value.shape, value.dtype.str, value.tobytes()) if is_small else _Same(value)
     if not _is_users(value) or value in within:
         return value
     inside = (*within, value)

@@ -8,7 +8,7 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
-from narx_sklearn.discrepancy.units import scale_to
+from narx_sklearn.discrepancy.units import may_be_alike
 
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
@@ -130,8 +130,6 @@ def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[
     What flows into a store and out of it does not: of a level something may be lost.
     """
     unit = states[i].unit
-    are_speeds = all(
-        not unit or not states[j].unit or scale_to(f"{unit}/s", states[j].unit) is not None for j in sources
-    )
+    are_speeds = all(not unit or may_be_alike(f"{unit}/s", states[j].unit) for j in sources)
     apart, held = slopes[i, sources], slopes[sources, i]
     return bool(are_speeds and np.prod(apart) < 0 and np.all(apart * held < 0))
