@@ -5,10 +5,12 @@ from pathlib import Path
 
 
 def out_folder(description: str) -> Path:
-    """Read the folder for the figure from the command line."""
+    """Read the folder for the figure from the command line, and make it."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path(), help="folder for the figure")
-    return parser.parse_args().out
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def new_figure(n_axes: int = 1, **options):

@@ -60,6 +60,7 @@ def main(folder: Path | None = None) -> None:
     ).plot()
     before, after = display.errors_
     print(f"tracking error: {before:.2f} % of the range without, {after:.2f} % with compensation")
+    folder.mkdir(parents=True, exist_ok=True)
     display.figure_.savefig(folder / "compensate_piezo.png", dpi=120)
 
 

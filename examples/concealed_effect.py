@@ -46,6 +46,7 @@ def random_levels(n, size, random_state):
 
 
 def main(out):
+    out.mkdir(parents=True, exist_ok=True)
     simulator = ODESimulator(
         stage,
         dt=DT,

@@ -17,6 +17,7 @@ from narx_sklearn.displays import FreeRunDisplay
 
 def main(folder: Path) -> None:
     """Identify from columns, look at tables, save, load, draw."""
+    folder.mkdir(parents=True, exist_ok=True)
     plant = make_cascaded_tanks(1500, noise=0.01, random_state=0)
     clock = pd.date_range("2024-05-06 08:00", periods=len(plant.y), freq="4s")
     table = plant.X.assign(**{plant.y.name: plant.y}).set_index(clock)

@@ -25,6 +25,7 @@ def axis(x, u, p):
 
 def main(folder: Path) -> None:
     """Fetch, diagnose, draw what the drive is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         data = fetch_emps()
     except (OSError, ImportError) as error:

@@ -17,6 +17,7 @@ from narx_sklearn.displays import SelectionPathDisplay
 
 def main(folder: Path) -> None:
     """Search twice, compare, draw the path of the winner."""
+    folder.mkdir(parents=True, exist_ok=True)
     plant = make_duffing(1300, noise=0.01, random_state=0)
     train, test = slice(0, 900), slice(900, None)
     folds = TimeSeriesSplit(3)

@@ -21,6 +21,7 @@ PHI = (Difference("voltage", name="phi1"), DifferenceSign("voltage", name="phi2"
 
 def main(folder: Path) -> None:
     """Identify both models, stop the input half way down, compare where they go."""
+    folder.mkdir(parents=True, exist_ok=True)
     plant = make_piezo_bench(20_000, random_state=0)
     usual = NARXRegressor(2, 2, delay=0, degree=1, refine=False).fit(plant.X, plant.y)
     resting = NARXRegressor(

@@ -61,6 +61,7 @@ def magnetic_pendulum(x, u, p):
 
 def main(folder: Path) -> None:
     """Register, diagnose, draw."""
+    folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     current = np.repeat(rng.normal(0, 2, 150), 12)
     angle = ODESimulator(magnetic_pendulum, **BENCH).simulate(current)[:, 0]

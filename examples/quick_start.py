@@ -17,6 +17,7 @@ N_TRAIN = 3000
 
 def main(folder: Path) -> None:
     """Identify, print, draw."""
+    folder.mkdir(parents=True, exist_ok=True)
     plant = make_duffing(4500, noise=0.01, random_state=0)
     force, position = plant.X, plant.y
     train, test = slice(0, N_TRAIN), slice(N_TRAIN, None)

@@ -19,6 +19,7 @@ from narx_sklearn.displays import FreeRunDisplay
 
 def main(folder: Path) -> None:
     """Join three recordings, identify with and without their seams, draw the runs."""
+    folder.mkdir(parents=True, exist_ok=True)
     plants = [make_duffing(700, noise=0.01, random_state=seed) for seed in range(3)]
     X = pd.concat([plant.X for plant in plants], ignore_index=True)
     y = pd.concat([plant.y for plant in plants], ignore_index=True)

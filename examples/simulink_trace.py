@@ -43,6 +43,7 @@ def exported_table() -> pd.DataFrame:
 
 def main(folder: Path) -> None:
     """Diagnose the trace against the recording."""
+    folder.mkdir(parents=True, exist_ok=True)
     table = exported_table()  # with your own: pandas.read_csv("exported.csv")
     trace = TraceSimulator(table["y_sim"].rename("angle [rad]"), table[["drive [V]"]], dt=0.05)
     print(f"stands in for the trace to {100 * trace.twin_error_:.2g} % of its spread\n")

@@ -22,6 +22,7 @@ def tanks(x, u, p):
 
 def main(folder: Path) -> None:
     """Diagnose, print, draw where the simulation leaves the record."""
+    folder.mkdir(parents=True, exist_ok=True)
     plant = make_cascaded_tanks(2000, noise=0.005, caught_share=0.0, random_state=2)
     simulator = ODESimulator(
         tanks,

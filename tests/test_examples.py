@@ -38,7 +38,7 @@ def test_the_script_runs_and_draws_its_figure_if_it_has_one(script, tmp_path, mo
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     quick = ["--quick"] if "--quick" in script.read_text(encoding="utf-8") else []
-    monkeypatch.setattr(sys, "argv", [str(script), "--out", str(tmp_path), *quick])
+    monkeypatch.setattr(sys, "argv", [str(script), "--out", str(tmp_path / "figures"), *quick])
     monkeypatch.syspath_prepend(str(EXAMPLES))  # where Python looks first when it runs the script
     monkeypatch.chdir(tmp_path)
     beside = EXAMPLES.parents[1] / "shared" / "data"
@@ -48,7 +48,7 @@ def test_the_script_runs_and_draws_its_figure_if_it_has_one(script, tmp_path, mo
     said = capsys.readouterr().out
     if said.startswith("skipped:"):
         pytest.skip(said.strip())
-    drawn = list(tmp_path.glob("*.png"))
+    drawn = list(tmp_path.glob("figures/*.png"))
     assert drawn or "figure" not in script.read_text(encoding="utf-8"), f"{script.name} drew nothing"
     assert all(path.stat().st_size > EMPTY_FIGURE for path in drawn)
 

@@ -117,6 +117,7 @@ def test_what_quiet_motion_does_not_show_is_not_extrapolated():
     found = diagnosed(stopped, ["clearance"])
     assert [finding.effect for finding in found.findings_] == ["clearance"]
     assert found.extrapolation_.empty
+    assert {"nrmse", "quiet", "loud"} <= set(found.extrapolation_.columns)
     assert "does not show in quiet motion" in found.report_
 
 

@@ -271,7 +271,9 @@ def test_parameters_are_fitted_beside_it(dropping_out):
     assert (missed["augmented"] < missed["refitted"]).all()
     inside = (table["augmented_low"] < truth) & (truth < table["augmented_high"])
     assert inside.all()
-    assert dx.noise_["position [m]"]["sigma"] == pytest.approx(SIGMA, rel=0.1)
+    noise = dx.noise_["position [m]"]
+    assert noise["sigma"] == pytest.approx(SIGMA, rel=0.1)
+    assert noise["deviation"] == pytest.approx(SIGMA, rel=0.1)
     assert "Fitted beside what acts by itself" in dx.report_
 
 

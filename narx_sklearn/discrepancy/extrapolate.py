@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
 from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen
-from narx_sklearn.discrepancy.verify import Errors, score_table
+from narx_sklearn.discrepancy.verify import Errors, no_scores, score_table
 
 FURTHER = 1.25  # times the reach of all quiet windows, that a louder one has
 FEWEST = 2  # windows on either side
@@ -82,7 +82,8 @@ def extrapolate(
     """
     problem = _shorter(diagnosis.problem)
     amplitudes = find_amplitudes(problem)
-    nothing = Extrapolation(pd.DataFrame(), amplitudes)
+    no_reaches = dict.fromkeys(("quiet", "loud"), np.empty(0))
+    nothing = Extrapolation(no_scores(len(problem.simulator.outputs)).assign(**no_reaches), amplitudes)
     if diagnosis.verdict == "consistent" or not amplitudes.present or not are_foreseen(corrected.effects):
         return nothing
     nominal, refitted, corrected = (

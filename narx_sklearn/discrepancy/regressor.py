@@ -127,7 +127,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Weight of the first finding among all that were tried in its place; without any, the least probability
         that nothing is missing, had the odds been even before the test.
     noise_ : dict
-        Estimated noise: standard deviation and colour of each output.
+        Estimated noise of each output, with its unit: ``sigma``, standard deviation of what is new of it in
+        each sample; ``deviation``, of all of it, infinite where it drifts without bound; ``autoregression``
+        and ``moving_average``, its colour.
     data_findings_ : list of DataFinding
         Mistakes in the record itself that should be mended first.
     report_ : str
@@ -481,13 +483,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         self.confidence_ = self.findings_[0].confidence if self.findings_ else nothing
         noise = diagnosis.noise
         self.noise_ = {
-            str(signal): {"sigma": float(sigma), "autoregression": a.tolist(), "moving_average": float(b)}
-            for signal, sigma, (a, b) in zip(
-                simulator.outputs,
-                noise.sigma,
-                map(noise.colour, range(len(simulator.outputs))),
-                strict=True,
-            )
+            str(signal): {
+                "sigma": float(sigma),
+                "deviation": float(noise.deviation(i)),
+                "autoregression": a.tolist(),
+                "moving_average": float(b),
+            }
+            for i, (signal, sigma) in enumerate(zip(simulator.outputs, noise.sigma, strict=True))
+            for a, b in [noise.colour(i)]
         }
         corrected = (diagnosis.best.fit if conclusion.corrected.effects else diagnosis.refitted).model
         self._extrapolation = extrapolate(diagnosis, corrected, self.level, self.random_state, self.n_jobs)

@@ -379,16 +379,15 @@ def how_it_extrapolates(dx) -> str:
 
 def _noise(dx) -> list[str]:
     lines = ["Noise estimated on:"]
-    deviations = map(dx.conclusion_.diagnosis.problem.noise.deviation, range(len(dx.noise_)))
-    for (name, noise), deviation in zip(dx.noise_.items(), deviations, strict=True):
+    for name, noise in dx.noise_.items():
         colour = "white"
         if noise["moving_average"]:
             colour = "drifting" if noise["autoregression"][0] > 0.99 else "coloured, with a slow part"
         elif noise["autoregression"]:
             colour = f"coloured, order {len(noise['autoregression'])}"
         new = f"{noise['sigma']:.3g}"
-        size = new if colour == "white" else f"{deviation:.3g}, {new} of it new in each sample"
-        if not np.isfinite(deviation):
+        size = new if colour == "white" else f"{noise['deviation']:.3g}, {new} of it new in each sample"
+        if not np.isfinite(noise["deviation"]):
             size = f"{new} new in each sample"
         lines.append(f"   {name}: {size}, {colour}")
     return lines

@@ -357,7 +357,7 @@ def score_table(errors: dict[str, Errors], spread: np.ndarray, level: float, ran
     counts = next(iter(errors.values())).counts
     seen = counts.sum(axis=0) > 0
     if not seen.any():
-        return pd.DataFrame()
+        return no_scores(spread.size)
     told = np.flatnonzero(counts.any(axis=1))  # blocks
     draws = told[np.random.default_rng(random_state).integers(0, told.size, size=(DRAWS, told.size))]
     draws = draws[counts[draws][..., seen].sum(axis=1).all(axis=1)]  # that tell of every output
@@ -385,3 +385,16 @@ def score_table(errors: dict[str, Errors], spread: np.ndarray, level: float, ran
             )
         rows.append(row)
     return pd.DataFrame(rows).set_index("run")
+
+
+def no_scores(n_outputs: int) -> pd.DataFrame:
+    """Return a table of scores without rows.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.verify import no_scores
+    >>> list(no_scores(1))[:5]
+    ['nrmse', 'nrmse_low', 'nrmse_high', 'fit_percent', 'rmse']
+    """
+    nothing = Errors(np.zeros((1, n_outputs)), np.ones((1, n_outputs), dtype=np.int64))
+    return score_table({"refitted": nothing}, np.ones(n_outputs), level=0.9, random_state=0).iloc[:0]

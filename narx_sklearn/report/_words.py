@@ -279,13 +279,14 @@ def noise_table(dx) -> TableText:
     rows = [
         (
             name,
+            number(noise["deviation"]) if np.isfinite(noise["deviation"]) else "without bound",
             number(noise["sigma"]),
             ", ".join(map(number, noise["autoregression"])) or "none",
             number(noise["moving_average"]),
         )
         for name, noise in dx.noise_.items()
     ]
-    header = ("output", "standard deviation", "autoregression", "moving average")
+    header = ("output", "standard deviation", "new in each sample", "autoregression", "moving average")
     return TableText("Noise that the test allowed for", header, tuple(rows))
 
 

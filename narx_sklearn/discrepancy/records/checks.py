@@ -285,9 +285,9 @@ def _short_record(simulator: Simulator, u, pieces):
     if longest < wanted:
         yield DataFinding(
             "short_record",
-            f"The longest session has {longest} samples ({longest * simulator.dt:.4g} s); a window needs "
-            f"{wanted}, for {_n_numbers(simulator)} numbers to fit and a slowest time constant of "
-            f"{constant:.4g} s. Record longer.",
+            f"The longest session has {longest} samples ({longest * simulator.dt:.4g} s), short for "
+            f"{_n_numbers(simulator)} numbers to fit and a slowest time constant of {constant:.4g} s, which "
+            f"want {wanted}: what is slow is told vaguely. A longer session tells it better.",
             {"samples": longest, "wanted": wanted, "time_constant": constant},
         )
 

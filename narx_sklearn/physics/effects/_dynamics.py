@@ -242,7 +242,8 @@ DYNAMICS = (
         code="delay",
         title="Delay",
         sentence="Everything comes a fixed time late.",
-        equation="s(t - T); before the record a share i of the first command was lacking",
+        equation="s(t - T); before the record a share i of the first command was lacking (below 0: it was "
+        "more)",
         parameters=(EffectParameter("T", "s", 0.0), LACKING),
         begin=1,
         starts=_delay_starts,
@@ -260,7 +261,8 @@ DYNAMICS = (
         title="Lag",
         sentence="The signal arrives smoothed, as through a filter.",
         equation="T s_out' = s - s_out; as much of it as d goes on from sample to sample alone, "
-        "s_out[k] = s[k] + (s_out[k-1] - s[k]) exp(-dt/T); at first a share i of the command is lacking",
+        "s_out[k] = s[k] + (s_out[k-1] - s[k]) exp(-dt/T); at first a share i of the command is lacking "
+        "(below 0: it is more)",
         parameters=(EffectParameter("T", "s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
         begin=1,
         form=2,

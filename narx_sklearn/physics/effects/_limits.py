@@ -201,7 +201,8 @@ LIMITS = (
         code="rate_limit",
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
-        equation="|ds/dt| <= r; at first a share i of the command is lacking, all of it from rest at zero",
+        equation="|ds/dt| <= r; at first a share i of the command is lacking (below 0: it is more), "
+        "all of it from rest at zero",
         parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING),
         begin=1,
         starts=_rate_limit_starts,
