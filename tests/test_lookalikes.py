@@ -85,6 +85,58 @@ class TestLookAlikes:
         assert falling.criterion == pytest.approx(plain.criterion - 14.0)
         assert likeliest([falling, plain], 1.05 * plain.fit.cost) is (falling if felt else plain)
 
+    @pytest.mark.parametrize("likelier", [True, False])
+    def test_a_special_case_of_the_best_is_held_against_what_the_best_left_behind(self, likelier):
+        _, (plain, falling), _ = self.candidates(size=0.3)
+        jacobian = falling.fit.jacobian.copy()
+        jacobian[:, :, -3:] = 0.0
+        load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.1,))
+
+        def behind(fitted, criterion):
+            found = Candidate(fitted, plain.n_samples)
+            cost = fitted.cost * np.exp((criterion - found.criterion) / plain.n_samples)
+            return Candidate(fitted._replace(cost=cost), plain.n_samples)
+
+        best = behind(falling.fit._replace(jacobian=jacobian), plain.criterion - 8.0)
+        model = plain.fit.model._replace(effects=(load,))
+        other = behind(plain.fit._replace(model=model), plain.criterion + (-4.0 if likelier else 4.0))
+        assert likeliest([best, plain], 1.05 * plain.fit.cost) is plain
+        assert likeliest([best, plain, other], 1.05 * plain.fit.cost) is (other if likelier else plain)
+
+    @pytest.mark.parametrize(
+        ("code", "shape"), [("bouc_wen_hysteresis", (0.0, 1.0)), ("prandtl_ishlinskii", (0.0, 0.0))]
+    )
+    def test_hysteresis_that_yields_at_once_is_friction(self, code, shape):
+        """A spring that yields at next to nothing, plays that all let go: a force against the motion."""
+        problem, (plain, _), _ = self.candidates(size=0.3)
+        unexplained = fit(problem, plain.fit.model._replace(effects=())).cost
+        yields = 1e-3
+        at = PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=(0.3 / yields, yields, *shape))
+        hysteretic = fit(problem, plain.fit.model._replace(effects=(at,)))
+        assert hysteretic.cost - plain.fit.cost < 0.01 * (unexplained - plain.fit.cost)
+        assert "coulomb_friction" in CATALOGUE[code].holds
+
+    def test_a_set_that_the_end_of_its_fit_makes_dearer_is_held_against_the_others_again(self, monkeypatch):
+        problem, (plain, falling), _ = self.candidates(size=0.3)
+        load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.1,))
+        model = plain.fit.model._replace(effects=(load,))
+        other = Candidate(plain.fit._replace(model=model), plain.n_samples)
+        felt = falling.fit.jacobian.copy()
+        felt[:, :, -3:] = 100.0 * np.random.default_rng(0).normal(size=(*felt.shape[:2], 3))
+        unfelt = felt.copy()
+        unfelt[:, :, -3:] = 0.0
+        dearer = Candidate(falling.fit._replace(jacobian=unfelt), plain.n_samples)
+        cost = falling.fit.cost * np.exp((other.criterion - 3.0 - dearer.criterion) / plain.n_samples)
+        on_the_way, fitted = (
+            Candidate(falling.fit._replace(jacobian=jacobian, cost=cost), plain.n_samples)
+            for jacobian in (unfelt, felt)
+        )
+        assert on_the_way.criterion < other.criterion - ALIKE < fitted.criterion
+        monkeypatch.setattr(naming, "converged", lambda p, c, n_jobs: fitted if c is on_the_way else c)
+        pool = [on_the_way, other]
+        assert naming._converged_best(problem, on_the_way, pool, 2 * plain.fit.cost, None) is other
+        assert any(c is fitted for c in pool)
+
     def test_an_entry_of_as_many_parameters_is_no_refinement(self):
         _, (plain, falling), _ = self.candidates(size=0.3)
         unexplained = 30 * plain.fit.cost

@@ -60,8 +60,9 @@ def likeliest(candidates: list[Candidate], unexplained: float) -> Candidate:
     alike = [c for c in near if not is_given_up(c)] or near  # two pairs may hold each other
     if any(c is best for c in alike):
         chosen = min(alike, key=lambda c: (not at_home(c), c.n_values, c.criterion))
-    else:
-        chosen = likeliest(alike, unexplained)
+    else:  # its special case need not be likelier than what the best alone had left behind
+        given_up = [c for c in near if all(c is not other for other in alike)]
+        chosen = likeliest([c for c in candidates if all(c is not other for other in given_up)], unexplained)
     better = [c for c in candidates if _is_better_name(c, chosen)]
     return _first_in_turn(min(better, key=lambda c: c.criterion, default=chosen), candidates)
 

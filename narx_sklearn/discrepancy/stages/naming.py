@@ -31,9 +31,29 @@ def named_set(
     best = _likeliest_set(problem, pool, refitted.cost, searched.hypotheses, settings.n_jobs)
     best = _without_refinement(best, pool, refitted.cost)
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
-    best = converged(problem, best, settings.n_jobs)
+    best = _converged_best(problem, best, pool, refitted.cost, settings.n_jobs)
     best = next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
     return _without_form_menders(problem, best, structure, settings.n_jobs)
+
+
+def _converged_best(
+    problem: Problem, best: Candidate, pool: list[Candidate], unexplained: float, n_jobs: int | None
+) -> Candidate:
+    """Return the best set fitted to the end, or another that is likelier once the best has its whole price.
+
+    On the way to the end of a fit the data may not feel all parameters, which then have no price. What was
+    fitted to the end joins the ``pool``.
+    """
+    for _ in range(EXCHANGES):
+        found = converged(problem, best, n_jobs)
+        dearer = found.criterion > best.criterion
+        if not dearer or all(c is not best for c in pool):
+            return found
+        pool[:] = [found if c is best else c for c in pool]
+        best = likeliest(pool, unexplained)
+        if best is found:
+            return found
+    return converged(problem, best, n_jobs)
 
 
 def _without_form_menders(
