@@ -16,11 +16,11 @@ from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, produc
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages import diagnosis
+from narx_sklearn.discrepancy.stages import diagnosis, told_law
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.products import best_product
 from narx_sklearn.discrepancy.stages.stretches import Stretches
-from narx_sklearn.discrepancy.stages.unnamed import left_by_law
+from narx_sklearn.discrepancy.stages.told_law import left_by_law
 
 DT = 0.5
 CARRIED = 0.4  # of the heat, 1/s per m/s of flow
@@ -176,14 +176,25 @@ def test_a_law_that_no_test_has_asked_for_pays_for_all_that_were_tried():
     assert not by_itself.is_little
 
 
-def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch):
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch, alone):
+    """The fall of the force is most of it; the voltage that falls too is the second law, if any is sought."""
     problem, refitted, structure = recorded_coil(fall=0.002)
     monkeypatch.setattr(diagnosis, "search_in_spans", lambda *_: None)
+    if alone:
+        monkeypatch.setattr(told_law, "_with_a_second", lambda *_: None)
     none = Stretches(pd.DataFrame(columns=["start", "stop", "share"]), refitted.model.p, problem.y)
     searched = Searched(problem, refitted, [])
     _, told, p_value = diagnosis._unless_noise(None, searched, none, structure, SETTINGS)
-    (law,) = told.best.effects
-    assert (law.effect.code, law.port, law.argument_name) == (WITH_SQUARE, Port("state", 2), "current")
-    assert law.theta[0] == pytest.approx(-5e4 * 6.0 * 0.002, rel=0.2)  # it takes a part of the other
-    assert told.against_noise
     assert p_value < 0.0025
+    force = told.best.effects[0]
+    assert (force.effect.code, force.port, force.argument_name) == (WITH_SQUARE, Port("state", 2), "current")
+    assert force.theta[0] == pytest.approx(-5e4 * 6.0 * 0.002, rel=0.2 if alone else 0.05)
+    assert bool(told.against_noise) == alone
+    assert len(told.best.effects) == len(told.alternatives) == (1 if alone else 2)
+    if not alone:
+        voltage = told.best.effects[1]
+        code, port, name = voltage.effect.code, voltage.port, voltage.argument_name
+        assert (code, port, name) == (WITH_SQUARE, Port("state", 0), "speed")
+        assert voltage.theta[0] == pytest.approx(6.0 * 0.002 / 1.5, rel=0.2)
+        assert told.best.fit.cost == pytest.approx(problem.n_seen, rel=0.05)

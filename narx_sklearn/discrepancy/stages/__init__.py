@@ -4,6 +4,6 @@
 lacks, ``stretches`` (by ``trimmed``) and ``temporary`` (with ``in_sessions``) for what acts for a while;
 ``judgement`` says what that comes to, with ``naming`` and ``swaps``, in ``plain`` numbers: what speaks
 against names (``refuted``, beside their own ``forms``), what has none (``unnamed``, ``powers``,
-``products``), what follows no signal (``unforeseen``), and whether the rest is noise (``remainder``,
-``followed``, ``pulse``).
+``products``) and goes with it (``told_law``), what follows no signal (``unforeseen``), and whether the rest
+is noise (``remainder``, ``followed``, ``pulse``).
 """

@@ -36,6 +36,7 @@ from narx_sklearn.discrepancy.stages.temporary import (
     search_in_spans,
     spans_of,
 )
+from narx_sklearn.discrepancy.stages.told_law import ToldLaw, left_by_law, told_law
 from narx_sklearn.discrepancy.stages.unforeseen import (
     Unforeseen,
     fitted_beside,
@@ -47,12 +48,10 @@ from narx_sklearn.discrepancy.stages.unnamed import (
     best_pulsating,
     best_unnamed,
     held_where_seen,
-    left_by_law,
 )
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
-MOSTLY = 0.5  # of what is missing: a law that leaves more is not what is missing
 FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 
 
@@ -197,8 +196,8 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         found = found._replace(verdict="unknown")
     if _is_told_by_a_law(found):
         assert found.unnamed is not None
-        of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(found.unnamed.effects)
-        found = found._replace(best=found.unnamed, alternatives=of_each, against_noise=())
+        base = Candidate(refitted, problem.n_seen)
+        found = _judged_as(told_law(problem, base, found.unnamed, structure, settings))
     found = found._replace(best=held_where_seen(problem, found.best))
     return Diagnosis(
         verdict=found.verdict,
@@ -264,32 +263,31 @@ def _unless_noise(
     problem, refitted, _ = searched
     settings.tell("is what is left over noise?")
     remainder = look_at_remainder(problem, refitted.model, structure, settings.random_state)
-    nothing = Candidate(refitted, problem.n_seen)
-    if remainder.p_value > settings.alpha_nameless:
-        if searched.p_value <= settings.alpha:
-            known = searched.hypotheses
-            law = best_unnamed(problem, refitted, nothing, structure, settings, known)
-            # one weak sign, of what no name explains, is no finding: the law has to be one by itself
-            alone = max(len(known), 1), settings.alpha
-            if law is not None and left_by_law(problem, nothing, law, structure, settings, *alone).is_little:
-                return searched, Judgement("unknown", law, ((),), law), searched.p_value
+    is_noise = remainder.p_value > settings.alpha_nameless
+    if is_noise and searched.p_value > settings.alpha:
         return searched, found, max(searched.p_value, remainder.p_value)
-    parts = large_parts(problem, stretches.residual)
-    in_part = search_in_spans(parts, stretches.p, searched, structure, settings)
-    named = in_part and judge(in_part, structure, settings)
-    if in_part and named and named.verdict != "unknown":
-        return in_part, named, in_part.p_value
-    against_noise = remainder.speaking(settings.alpha_nameless)
+    if not is_noise:
+        parts = large_parts(problem, stretches.residual)
+        in_part = search_in_spans(parts, stretches.p, searched, structure, settings)
+        named = in_part and judge(in_part, structure, settings)
+        if in_part and named and named.verdict != "unknown":
+            return in_part, named, in_part.p_value
+    nothing, known = Candidate(refitted, problem.n_seen), searched.hypotheses
+    against_noise = () if is_noise else remainder.speaking(settings.alpha_nameless)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
-    unnamed = best_unnamed(problem, refitted, nothing, structure, settings, searched.hypotheses, waves)
-    if unnamed is not None:
-        left = left_by_law(problem, nothing, unnamed, structure, settings)
-        if left.share < MOSTLY:
-            signs = () if left.is_little else left.signs
-            told = Judgement("unknown", unnamed, ((),), unnamed, against_noise=signs)
-            return searched, told, remainder.p_value
-    told = Judgement("unknown", nothing, (), unnamed, against_noise=against_noise)
-    return searched, told, remainder.p_value
+    law = best_unnamed(problem, refitted, nothing, structure, settings, known, waves)
+    if is_noise:
+        # one weak sign, of what no name explains, is no finding: the law has to be one by itself
+        alone = max(len(known), 1), settings.alpha
+        if law is not None and left_by_law(problem, nothing, law, structure, settings, *alone).is_little:
+            return searched, Judgement("unknown", law, ((),), law), searched.p_value
+        return searched, found, max(searched.p_value, remainder.p_value)
+    if law is not None:
+        told = told_law(problem, nothing, law, structure, settings)
+        if told.is_most:
+            return searched, _judged_as(told), remainder.p_value
+    shapeless = Judgement("unknown", nothing, (), law, against_noise=against_noise)
+    return searched, shapeless, remainder.p_value
 
 
 def _unless_unforeseen(
@@ -332,6 +330,12 @@ def _unless_unforeseen(
     best = Candidate(beside, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
+
+
+def _judged_as(told: ToldLaw) -> Judgement:
+    """Return what is said where a law without a name says most."""
+    of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(told.laws.effects)
+    return Judgement("unknown", told.laws, of_each, told.laws, against_noise=told.against_noise)
 
 
 def _is_told_by_a_law(found: Judgement) -> bool:

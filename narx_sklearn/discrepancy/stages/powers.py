@@ -59,7 +59,7 @@ def best_power(
     run = problem.run(refitted.model)
     placed = placed_powers(problem.simulator, structure, run.x[problem.rows[problem.inside]])
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
-    return found[0] if found and _is_new(found[0].effects[0], known) else None
+    return found[0] if found and _is_new(found[0].effects[-1], known) else None
 
 
 def _is_new(power: PlacedEffect, known: Iterable[Hypothesis]) -> bool:

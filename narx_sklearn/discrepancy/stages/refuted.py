@@ -95,7 +95,7 @@ def only_stand_in(
     """
     if len(best.effects) < 2:
         return False
-    if unnamed is not None and _is_likelier(unnamed, best):
+    if unnamed is not None and is_likelier(unnamed, best):
         better = best.fit.cost - unnamed.fit.cost
         is_simpler = unnamed.n_values <= best.n_values
         law_at = unnamed.effects[0].port
@@ -136,7 +136,7 @@ def needs_wrong_parameters(
     )
 
 
-def _is_likelier(unnamed: Candidate, best: Candidate) -> bool:
+def is_likelier(unnamed: Candidate, best: Candidate) -> bool:
     """Tell whether what has no name is the likelier explanation, though names were before any data."""
     before = 2 * np.log((1 - OUTSIDE) / OUTSIDE)
     return unnamed.criterion < best.criterion - HARDLY - before
@@ -200,7 +200,7 @@ def is_refuted(
     left = best.fit.cost - unnamed.fit.cost
     if odd(best) and left >= -UNEXPLAINED * taken_off:
         return True  # a name from elsewhere says no more than the curve does
-    if unnamed.n_values <= best.n_values and _is_likelier(unnamed, best):
+    if unnamed.n_values <= best.n_values and is_likelier(unnamed, best):
         return True  # no form needs to be more exact than a simpler law is
     clearly = unnamed.criterion < best.criterion - HARDLY
     return clearly and left > UNEXPLAINED * (refitted.cost - unnamed.fit.cost)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +9,6 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
     TERMS,
@@ -26,7 +24,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.products import best_product
-from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder, look_for_pulse
+from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
 SUSPECT = 0.05  # level at which something counts that is no finding of its own
@@ -43,9 +41,10 @@ def best_unnamed(
 ) -> Candidate | None:
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
-    So are forces that go as a power, but one that an effect has which is ``known``, or as a product. Beside
-    what acts for a while, curves are tried that do too, and a change of the simulator's own parameters
-    meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
+    So are forces that go as a power, but one that an effect has which is ``known``, or as a product. All act
+    beside what the refit has already. Beside what acts for a while, curves are tried that do too, and a
+    change of the simulator's own parameters meanwhile; and what pulsates at the frequencies of some
+    ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -57,7 +56,7 @@ def best_unnamed(
     if during != ALWAYS:
         curves += line_hypotheses(problem.simulator, structure)
         placed += [c.placed.acting(during) for c in curves]
-    beside = refitted._replace(model=best.fit.model._replace(effects=()))
+    beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     product = best_product(problem, refitted, beside, structure, settings.n_jobs)
@@ -66,16 +65,16 @@ def best_unnamed(
 
 
 def simplified(problem: Problem, candidate: Candidate) -> Candidate:
-    """Return a set without the terms of a polynomial that do not pay for themselves (Schwarz 1978).
+    """Return a set without the terms of its last law that do not pay for themselves (Schwarz 1978).
 
-    A law of the terms that are there holds also beyond the motion on which it was fitted. All that are lost
-    in their errors go at once, then the weakest by turns.
+    That is a polynomial. A law of the terms that are there holds also beyond the motion on which it was
+    fitted. All that are lost in their errors go at once, then the weakest by turns.
     """
-    if len(candidate.effects) != 1 or candidate.effects[0].effect.code not in TERMS:
+    if not candidate.effects or candidate.effects[-1].effect.code not in TERMS:
         return candidate
     best, dropped, at_once = candidate, set[int](), True
     while True:
-        (placed,), (theirs,) = best.effects, best.fit.model.theirs
+        placed, theirs = best.effects[-1], best.fit.model.theirs[-1]
         n_terms = len(TERMS[placed.effect.code])
         dropped = {j for j in dropped if j < n_terms}
         if len(dropped) == n_terms - 1:
@@ -87,7 +86,8 @@ def simplified(problem: Problem, candidate: Candidate) -> Candidate:
         n_lost = min(np.count_nonzero(size < 1.0), n_terms - 1 - len(dropped)) if at_once else 1
         weak = set(order[: max(n_lost, 1)].tolist())
         fewer = without_terms(placed, dropped | weak)
-        found = fit(problem, best.fit.model._replace(effects=(fewer,)), iterations=FINE)
+        model = best.fit.model._replace(effects=(*best.effects[:-1], fewer))
+        found = fit(problem, model, iterations=FINE)
         if found.cost - best.fit.cost <= len(weak) * np.log(candidate.n_samples):
             best, dropped = Candidate(found, candidate.n_samples), dropped | weak
         elif len(weak) == 1:
@@ -135,38 +135,3 @@ def curves_along(problem: Problem, found: Fit, structure: Structure) -> list[Hyp
     run = problem.run(found.model)
     rows = problem.rows[problem.inside]
     return curve_hypotheses(problem.simulator, structure, problem.u[rows], run.x[rows], run.y[rows])
-
-
-class LeftByLaw(NamedTuple):
-    """What a law without a name leaves of what is missing."""
-
-    share: float  # that the strongest sign holds, of what it and the law do; 1 where the law may be noise
-    signs: tuple[Sign, ...]  # that speak against noise
-
-    @property
-    def is_little(self) -> bool:
-        """Whether the law explains what is missing.
-
-        A broken line has corners that a smooth law has not: what it leaves may be no noise, if it is little.
-        """
-        return self.share <= UNEXPLAINED
-
-
-def left_by_law(
-    problem: Problem,
-    base: Candidate,
-    law: Candidate,
-    structure: Structure,
-    settings: Settings,
-    n_tried: int = 1,
-    level: float = SUSPECT,
-) -> LeftByLaw:
-    """Return what a law leaves, if it takes off more than noise of any colour would let the best of some."""
-    gained = deviance(problem, base.fit.model) - deviance(problem, law.fit.model)
-    if chance_of_noise(gained, n_tried, n_shapes(law.effects[0], problem)) > level:
-        return LeftByLaw(1.0, ())
-    rest = look_at_remainder(problem, law.fit.model, structure, settings.random_state)
-    signs = rest.speaking(settings.alpha_nameless)
-    taken_off = base.fit.cost - law.fit.cost
-    of_some_unknown = [sign.gain / (taken_off + sign.gain) if sign.gain else 1.0 for sign in signs]
-    return LeftByLaw(max(of_some_unknown, default=0.0), signs)
