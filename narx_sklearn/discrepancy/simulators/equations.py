@@ -137,7 +137,7 @@ def _compile(function: Callable, n: int):
             )
             try:
                 return _fixed(_executed(source, {}, {"inner": inner}))
-            except (NumbaError, UnsupportedBytecodeError) as error:
+            except Exception as error:  # a compiler fails in ways of its own too; nothing else runs here
                 reason = _first_line(error)
 
     def write(x, u, p, written):
@@ -167,7 +167,7 @@ def compiled_lines(
     source = "def write(x, u, p, written):\n" + "\n".join(f"    {line}" for line in lines or ["pass"])
     try:
         return _fixed(_executed(source, values, functions))
-    except (NumbaError, UnsupportedBytecodeError) as error:
+    except Exception as error:  # as above
         _warn_of_price(title, _first_line(error), stacklevel=7)
     space = {**values, **functions}
     exec(source, space)
@@ -263,8 +263,9 @@ def _assignments(n: int):
 
 def _warn_of_price(title: str, reason: str, stacklevel: int) -> None:
     warnings.warn(
-        f"{title} could not be compiled ({reason}), so it runs as Python, hundreds of times slower. Plain "
-        "arithmetic, math and numpy functions of scalars compile.",
+        f"{title} could not be compiled ({reason}), so it runs as Python, many times slower. Plain "
+        "arithmetic, min and max, math and most numpy functions of scalars compile; np.clip is one that does "
+        "not.",
         NarxWarning,
         stacklevel=stacklevel,
     )
@@ -272,6 +273,11 @@ def _warn_of_price(title: str, reason: str, stacklevel: int) -> None:
 
 def _first_line(error: Exception) -> str:
     """Return the line of a compiler's message that says what it did not like."""
+    if not isinstance(error, NumbaError | UnsupportedBytecodeError):
+        return (
+            f"the compiler fails on it with {type(error).__name__}, as it does on lists that mix integers "
+            "and floats: write 0.0 for 0 there"
+        )
     if ARRAY_WRITTEN.search(str(error)):
         return "a value that it returns is an array; take numbers by place, such as u[0] for u"
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]

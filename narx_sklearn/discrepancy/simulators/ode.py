@@ -28,7 +28,7 @@ class ODESimulator(Simulator):
     ----------
     function : callable
         ``f(x, u, p)`` of three 1-D arrays (states, inputs, parameters), returning one rate a state as tuple,
-        list or array. It is compiled when numba can; otherwise it runs as Python, hundreds of times slower,
+        list or array. It is compiled when numba can; otherwise it runs as Python, many times slower,
         and a warning says so. Inputs that it does not use are measured channels (a temperature, a load):
         they may turn out to matter.
     dt : float
