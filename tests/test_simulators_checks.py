@@ -189,6 +189,37 @@ def test_short_records_are_told_with_the_length_that_is_wanted():
     assert "30 samples (1.5 s)" in found.sentence
 
 
+def test_recordings_that_were_joined_are_told_unless_they_are_labelled():
+    (u, first), (more, second) = record(0), record(1)
+    u, y = np.concatenate([u, more]), np.concatenate([first - 2.0, second + 2.0])
+    found = {f.code: f for f in check_record(nominal(), u, y)}["jump"]
+    assert found.evidence["samples"] == [N]
+    assert f"jumps by {(y[N] - y[N - 1]).item():.3g}, at sample {N} (60 s)" in found.sentence
+    assert "label them in sessions" in found.sentence
+    assert "jump" not in {f.code for f in check_record(nominal(), u, y, sessions=np.repeat([0, 1], N))}
+
+
+def test_what_comes_back_was_held_or_jumps_in_the_simulation_is_no_jump():
+    u, y = record()
+    y[500] += 20 * y.std()  # a spike
+    assert "jump" not in codes(u, y)
+    u, y = record()
+    y[700:780] = y[700]
+    y[780:] += 20 * y.std()  # held, and caught up
+    assert "jump" not in codes(u, y)
+    fed = ODESimulator(
+        stage,
+        dt=0.05,
+        parameters=PARAMETERS,
+        output=lambda x, u, p: (x[0] + u[0],),
+        outputs=["q [m]"],
+        **NAMES,
+    )
+    u = 0.01 * record()[0]
+    u[600:] += 5.0
+    assert "jump" not in codes(u, fed.simulate(u), simulator=fed)
+
+
 def test_constant_input_is_told():
     u, y = record()
     assert codes(np.full_like(u, 2.0), y) == ["constant_input"]

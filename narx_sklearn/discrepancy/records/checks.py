@@ -18,6 +18,7 @@ from narx_sklearn._validation import (
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import SMALL, fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.records.jumps import find_jumps
 from narx_sklearn.discrepancy.records.mistakes import (
     BOX,
     DECISIVE,
@@ -84,7 +85,7 @@ class DataFinding:
     Attributes
     ----------
     code : str
-        ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``,
+        ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``, ``"jump"``,
         ``"held_output"``, ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"units"``,
         ``"quantised_output"``, ``"spikes"``, ``"coarse_steps"``.
     sentence : str
@@ -162,6 +163,7 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
         *_duplicated_samples(u, y, pieces),
         *_clipped_outputs(simulator, u, y, pieces),
         *_held_outputs(simulator, u, y, pieces),
+        *_jumping_outputs(simulator, u, y, pieces),
     ]
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     if longest < _fewest(simulator):
@@ -311,6 +313,28 @@ def _constant_inputs(simulator: Simulator, u):
                 "offset. Excite it.",
                 {"input": i, "value": float(values[0])},
             )
+
+
+def _jumping_outputs(simulator: Simulator, u, y, pieces):
+    """Yield a finding for each output that jumps where the simulation does not."""
+    if not pieces:
+        return
+    first = np.array([piece.start for piece in pieces], dtype=np.int64)
+    x0 = np.nan_to_num(simulator.known_states(u, y, first))
+    simulated = simulator.run(u, Windows.whole(pieces), x0).y
+    for i, signal in enumerate(simulator.outputs):
+        samples, usual = find_jumps(y[:, i], simulated[:, i], pieces)
+        if not samples:
+            continue
+        sizes = [abs(y[k, i] - y[k - 1, i]) for k in samples]
+        where = ", ".join(f"{k} ({k * simulator.dt:.6g} s)" for k in samples)
+        yield DataFinding(
+            "jump",
+            f"Output {i} ({signal}) jumps by {max(sizes):.3g}{' at most' * (len(sizes) > 1)}, at sample "
+            f"{where}, where it moves by no more than {usual:.3g} in any other. If recordings were joined "
+            "there, label them in sessions; if not, something was hit, shifted, or set to zero anew.",
+            {"output": i, "samples": samples, "usual": usual},
+        )
 
 
 def _duplicated_samples(u, y, pieces):
