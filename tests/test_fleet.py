@@ -178,3 +178,14 @@ def test_wrong_fleets_are_refused(fleet):
         diagnose_fleet(dx, recordings, level=95)
     with pytest.raises(ValueError, match="Recording 'short'"):
         diagnose_fleet(dx, {"short": (np.zeros(3), np.zeros(3))})
+
+
+def test_all_recordings_are_read_before_the_first_is_diagnosed(fleet, monkeypatch):
+    dx, recordings, _ = fleet
+    monkeypatch.setattr(DiscrepancyRegressor, "fit", lambda *_: pytest.fail("diagnosed already"))
+    good, wrong = (
+        next(iter(recordings.values() if hasattr(recordings, "values") else recordings)),
+        np.ones((9, 7)),
+    )
+    with pytest.raises(ValueError, match="Recording 'wrong': X has 7 columns"):
+        diagnose_fleet(dx, {"good": good, "wrong": (wrong, np.ones(9))})

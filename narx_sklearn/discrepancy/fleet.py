@@ -1,5 +1,7 @@
 """Diagnosis of a fleet: which machines show an effect, how its parameters differ, whether they drift."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -9,6 +11,7 @@ from joblib import Parallel, delayed
 from scipy.stats import beta, chi2, norm, t
 from sklearn.base import clone
 
+from narx_sklearn.discrepancy.records.record import read_record
 from narx_sklearn.discrepancy.regressor import DiscrepancyRegressor
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.identification.many import named_recordings
@@ -170,6 +173,9 @@ def diagnose_fleet(
         raise ValueError(f"level must lie between 0 and 1, got {level!r}.")
     named = named_recordings(recordings)
     times = _times(order, len(named))
+    for name, (X, y) in named.items():  # all of them before the first, for each takes its time
+        with _telling_of(name):
+            read_record(X, y, estimator.simulator)
     found = Parallel(n_jobs=n_jobs)(
         delayed(_diagnose)(estimator, name, X, y) for name, (X, y) in named.items()
     )
@@ -291,12 +297,19 @@ def _times(order, n: int) -> np.ndarray:
     return times
 
 
-def _diagnose(estimator: DiscrepancyRegressor, name: Any, X, y) -> _One:
-    """Diagnose one recording."""
+@contextmanager
+def _telling_of(name: Any) -> Iterator[None]:
+    """Name the recording in which something is wrong."""
     try:
-        dx = clone(estimator).fit(X, y)
+        yield
     except ValueError as error:
         raise ValueError(f"Recording {name!r}: {error}") from error
+
+
+def _diagnose(estimator: DiscrepancyRegressor, name: Any, X, y) -> _One:
+    """Diagnose one recording."""
+    with _telling_of(name):
+        dx = clone(estimator).fit(X, y)
     own = pd.DataFrame(
         {
             "unit": dx.parameters_["unit"],
