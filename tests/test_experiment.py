@@ -111,6 +111,9 @@ def test_an_experiment_is_asked_what_acts_before_it_is_asked_where():
 def test_the_middle_of_an_input_is_zero_where_it_was_meant_to_be():
     u = np.array([[-1.0, 2.0], [1.1, 8.0], [np.nan, np.nan]])
     assert middle_of(u).tolist() == [0.0, 5.0]
+    around_zero = np.tile([-1.0, 1.0], 50)
+    around_zero[7] = 4.6  # one peak that goes far
+    assert middle_of(around_zero[:, None]).tolist() == [0.0]
 
 
 @pytest.mark.parametrize(("separation", "expected"), [(0.0, 0.0), (2.0, 0.5), (4.0, 0.93319), (np.inf, 1.0)])

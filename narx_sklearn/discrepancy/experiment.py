@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Window
 from narx_sklearn.discrepancy.simulators.windows import cut, find_pace, followed_for
 from narx_sklearn.discrepancy.tangents import EffectTangents, effect_tangents
 
+USUAL = (0.05, 0.95)  # quantiles between which an input usually is
 NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both ways
 AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
@@ -180,8 +181,11 @@ def _lost_in(n_samples: int) -> str:
 
 
 def middle_of(u: np.ndarray) -> np.ndarray:
-    """Return the middle of the range of each input of a record (n, n_inputs), zero where that is near it."""
-    lowest, highest = np.nanmin(u, axis=0), np.nanmax(u, axis=0)
+    """Return the middle of the usual range of each input of a record (n, n_inputs), or zero if that is near.
+
+    One peak that goes far is not usual.
+    """
+    lowest, highest = np.nanquantile(u, USUAL, axis=0)
     middle = (lowest + highest) / 2
     return np.where(np.abs(middle) <= NEAR_ZERO * (highest - lowest) / 2, 0.0, middle)
 
