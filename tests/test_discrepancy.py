@@ -241,6 +241,32 @@ class TestPrediction:
         late = dx.predict(u[1000:], y_init=y[1000:1040])
         assert np.std((y[1000:] - late)[40:]) < 0.05 * np.std(y)
 
+    def test_a_gap_in_the_inputs_begins_a_run_anew(self, cubic):
+        dx, u, y, _ = cubic
+        with_gap = np.array(u, dtype=float)
+        with_gap[500:503] = np.nan
+        run = dx.predict(with_gap, y_init=y[:40])
+        assert np.flatnonzero(np.isnan(run)).tolist() == [500, 501, 502]
+        np.testing.assert_allclose(run[:500], dx.predict(u[:500], y_init=y[:40]))
+        np.testing.assert_allclose(run[503:], dx.predict(u[503:]))
+        with_gap[:503] = np.nan  # nothing of y_init is where a run begins
+        np.testing.assert_allclose(dx.predict(with_gap, y_init=y[:40])[503:], dx.predict(u[503:]))
+
+    def test_columns_are_those_that_were_fitted(self, cubic):
+        fitted, u, y, _ = cubic
+        dx = copy(fitted)
+        (name,) = map(str, dx.simulator_.inputs)
+        assert not hasattr(dx, "feature_names_in_")
+        dx.feature_names_in_ = np.array([name], dtype=object)
+        table = pd.DataFrame({"other": y, name: np.ravel(u)})
+        np.testing.assert_array_equal(dx.predict(table), dx.predict(u))
+        np.testing.assert_array_equal(dx.predict(table[name]), dx.predict(u))
+        for wrong in (table[["other"]], table["other"]):
+            with pytest.raises(ValueError, match=r"X has the columns \['other'\]; those that were fitted"):
+                dx.predict(wrong)
+            with pytest.raises(ValueError, match="columns of these names"):
+                dx.score(wrong, y)
+
     def test_score_is_that_of_a_free_run(self, cubic):
         dx, u, y, _ = cubic
         assert 0.998 < dx.score(u, y) <= 1.0

@@ -284,6 +284,22 @@ def test_a_simulation_in_steps_too_long_for_it_is_told_how_many_it_takes():
         fit(U, y, sim.with_parameters([2.0, -200.0]))
 
 
+def test_a_function_that_is_not_finite_anywhere_is_told():
+    about = {"dt": 0.05, "states": ["i [A]", "w [rad/s]"], "inputs": ["u [V]"], "outputs": ["w [rad/s]"]}
+    sim = ODESimulator(lambda x, u, p: (p[0] * (u[0] - x[0]), np.nan * x[1]), parameters={"a": 2.0}, **about)
+    with pytest.raises(ValueError, match="Wherever it begins, its function returns NaN or inf at once"):
+        fit(U, Y[:, 1], sim)
+
+
+def test_a_simulation_that_depends_on_nothing_given_is_refused():
+    about = {"dt": 0.05, "states": ["i [A]", "w [rad/s]"], "inputs": ["u [V]"], "outputs": ["w [rad/s]"]}
+    sim = ODESimulator(lambda x, u, p: (-x[0], x[0] - x[1]), parameters={"a": 2.0}, **about)
+    with pytest.raises(ValueError, match=r"inputs \['u \[V\]'\] and none of the parameters \['a'\] changes"):
+        fit(U, Y[:, 1], sim)
+    taken = ODESimulator(lambda x, u, p: (p[0] * u[0] - x[0], x[0] - x[1]), parameters={"a": 0.0}, **about)
+    fit(U, Y[:, 1], taken)  # with a gain of zero the input does nothing yet
+
+
 # -- settings and progress ---------------------------------------------------------------------------------
 
 

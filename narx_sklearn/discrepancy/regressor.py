@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._progress import progress
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import column_labels, session_slices
+from narx_sklearn._validation import column_labels, finite_rows, finite_slices, session_slices
 from narx_sklearn.discrepancy.as_narx import identify_narx
 from narx_sklearn.discrepancy.columns import chosen_columns
 from narx_sklearn.discrepancy.conclusion import Conclusion, conclude
@@ -266,12 +266,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Simulated outputs; NaN from where a run left the finite range.
+            Simulated outputs; NaN from where a run left the finite range. NaN in ``X`` is a gap, and NaN
+            here; after it a run begins anew, from rest.
 
         Raises
         ------
         ValueError
-            If ``X`` or ``y_init`` does not fit the simulator, or nothing of ``y_init`` is measured.
+            If ``X`` or ``y_init`` does not fit the simulator, nothing of ``y_init`` is measured, or the
+            columns of ``X`` are called neither as fitted nor as the simulator's inputs.
 
         Warns
         -----
@@ -279,9 +281,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             If the time index of ``X`` advances by another step than the simulator.
         """
         check_is_fitted(self)
-        u = read_inputs(X, self.simulator_)
+        u = read_inputs(self._as_fitted(X), self.simulator_)
         warn_of_step(X, self.simulator_, sessions)
-        windows = Windows.whole(session_slices(sessions, u.shape[0]))
+        windows = Windows.whole(finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u)))
         x0 = np.zeros((windows.count, len(self.simulator_.states)))
         if y_init is not None:
             first = read_outputs(y_init, self.simulator_, "y_init")
@@ -290,8 +292,12 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                     f"y_init is NaN in all of its {len(first)} samples, so no initial state can be fitted to "
                     "it. Pass measured outputs, or leave it out for runs from rest."
                 )
-            n = min(len(first), windows.last[0] - windows.first[0])
-            x0[0] = initial_state(self.simulator_, u[:n], first[:n], Stretch(slice(0, n), 0, n), x0[0])
+            if windows.count and windows.first[0] < len(first):
+                piece = slice(int(windows.first[0]), int(min(len(first), windows.last[0])))
+                n = piece.stop - piece.start
+                x0[0] = initial_state(
+                    self.simulator_, u[piece], first[piece], Stretch(slice(0, n), 0, n), x0[0]
+                )
         y = self.simulator_.run(u, windows, x0).y
         return y[:, 0] if self._one_output else y
 
@@ -304,7 +310,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         range scores -1e6, which searches can rank.
         """
         check_is_fitted(self)
-        u, measured = read_record(X, y, self.simulator_)
+        u, measured = read_record(self._as_fitted(X), y, self.simulator_)
         warn_of_step(X, self.simulator_, sessions)
         found = self.conclusion_
         n_init, guess = found.n_init, found.guesses["augmented"]
@@ -340,8 +346,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             is taken as large as they allow. By default the first finding and its look-alikes, or, when it has
             none, the best explanations.
         offset : float, optional
-            Middle of the input, at which it begins; by default that of the range which it covers in the
-            record, zero where that is within a tenth of the range's half.
+            Middle of the input, at which it begins; by default that of the range in which it is nine tenths
+            of the record, zero where that is within a tenth of the range's half.
         rate : float, optional
             Largest change of the input in one second.
         column : int, default=0
@@ -506,6 +512,23 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             self.feature_names_in_ = np.array(labels, dtype=object)
         elif hasattr(self, "feature_names_in_"):
             del self.feature_names_in_
+
+    def _as_fitted(self, X):
+        """Return the columns of X that were fitted; refuse a table that has other signals in their place."""
+        fitted, labels = getattr(self, "feature_names_in_", None), column_labels(X)
+        if fitted is None or labels is None or not all(isinstance(label, str) for label in labels):
+            return X
+        if list(labels) == list(fitted):
+            return X
+        if hasattr(X, "columns"):
+            if set(fitted) <= set(labels):
+                return X[list(fitted)]
+            if chosen_columns(X, self.simulator_.inputs, "X", "input") is not X:
+                return X  # called as the simulator's own
+        raise ValueError(
+            f"X has the columns {list(labels)}; those that were fitted are called {list(fitted)}. Pass "
+            "columns of these names; where only the names are others, pass an array in this order."
+        )
 
     def _parameter_table(self, diagnosis: Diagnosis) -> pd.DataFrame:
         simulator = diagnosis.problem.simulator

@@ -88,6 +88,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             begun = _lengthened_most(begun, pieces, min(n_samples, LONGEST), shortest)
     begun = begun._replace(refitted=_no_worse_than_given(begun.problem, begun.refitted))
     _check_finite(begun.problem, begun.refitted, finer)
+    _check_influence(begun.problem, begun.refitted, structure)
     return Beginning(begun.problem, begun.refitted, structure, pace, begun.lengthened_from)
 
 
@@ -136,11 +137,31 @@ def _check_finite(problem: Problem, refitted: Fit, finer: str) -> None:
         lost = problem.seen & ~np.isfinite(run.y[problem.rows] ** 2)
     k = int(problem.rows[lost.any(axis=2)].min())
     length = windows.length
+    is_at_once = not np.isfinite(run.y[problem.rows[:, 1]]).all(axis=1).any()
+    at_once = (
+        "Wherever it begins, its function returns NaN or inf at once, as a division by zero does, or a root "
+        "or logarithm of what is negative: print what it returns for recorded states and inputs. "
+    )
     raise ValueError(
         f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
-        f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. Check the signs "
-        f"of its terms, its units and its dt={dt:.6g}; start from parameters with which it stays near the "
-        f"recording; or pass a shorter window.{finer}"
+        f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. "
+        f"{at_once * is_at_once}Check the signs of its terms, its units and its dt={dt:.6g}; start from "
+        f"parameters with which it stays near the recording; or pass a shorter window.{finer}"
+    )
+
+
+def _check_influence(problem: Problem, refitted: Fit, structure: Structure) -> None:
+    """Raise where neither an input nor a parameter changes what is simulated, though there are both."""
+    simulator = problem.simulator
+    n_inputs, n_parameters = len(simulator.inputs), len(simulator.parameters)
+    if not (n_inputs and n_parameters) or refitted.jacobian[:, :, :n_parameters].any():
+        return
+    if structure.inputs.any() or structure.read[:, :n_inputs].any():
+        return
+    raise ValueError(
+        f"None of the inputs {[str(s) for s in simulator.inputs]} and none of the parameters "
+        f"{[p.name for p in simulator.parameters]} changes the simulated output: what its function returns "
+        "does not depend on u or p. Check that it uses them."
     )
 
 
