@@ -8,7 +8,7 @@ import pytest
 from small_machines import axis_problem, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.findings import _confidence
+from narx_sklearn.discrepancy.findings import COARSE, PASSES_FOR_NAMES, RULED, _confidence
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
@@ -361,15 +361,22 @@ class TestLookAlikes:
         )
         assert likeliest([loops, play], 2 * base.cost) is (play if enough else loops)
 
-    @pytest.mark.parametrize(("unit", "odds"), [("rad", np.exp(ALIKE / 2)), ("m", 1.0)])
-    def test_confidence_prefers_what_is_at_home_as_naming_does(self, unit, odds):
+    @pytest.mark.parametrize("named", [True, False])
+    @pytest.mark.parametrize(("unit", "more"), [("rad", HARDLY), ("m", 0.0)])
+    def test_confidence_prefers_what_is_at_home_as_naming_does(self, unit, more, named):
         turning = PlacedEffect(CATALOGUE["gravity"], Port("state", 1), (1.0, 0.0), theta=(0.3, 0.2))
         problem, start = axis_problem([turning])
         cubic, gravity = self.springs(fit(problem, start), problem, unit)
         found = SimpleNamespace(
-            best=gravity, alternatives=((),), steps=[SimpleNamespace(candidates=[cubic])], p_missing=0.0
+            best=gravity,
+            alternatives=((),),
+            steps=[SimpleNamespace(candidates=[cubic])],
+            p_missing=0.0,
+            is_named=named,
         )
-        assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
+        odds = np.exp(0.5 * (RULED + more))
+        outside = OUTSIDE * (PASSES_FOR_NAMES if named else 1.0)
+        assert _confidence(found, 0) == pytest.approx((1 - outside) * odds / (odds + 1))
 
     @pytest.mark.parametrize(("unit", "stays"), [("rad", False), ("m", True)])
     def test_a_ripple_that_came_to_one_wave_a_turn_is_a_weight_where_that_is_at_home(self, unit, stays):
@@ -477,7 +484,11 @@ def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share
     other = leaving(HARDLY + share * price, offset)
     assert any(c is other for c in look_alikes(problem, best, [other], 0.0, {})) == stays
     found = SimpleNamespace(
-        best=best, alternatives=((),), steps=[SimpleNamespace(candidates=[other])], p_missing=0.0
+        best=best,
+        alternatives=((),),
+        steps=[SimpleNamespace(candidates=[other])],
+        p_missing=0.0,
+        is_named=False,
     )
-    odds = np.exp(0.5 * max(HARDLY + share * price - price, 0.0))
+    odds = np.exp(0.5 * (max(HARDLY + share * price - price, 0.0) / COARSE + RULED))
     assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))

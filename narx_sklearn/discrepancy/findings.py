@@ -31,6 +31,9 @@ from narx_sklearn.discrepancy.units import in_seconds, tidy_unit
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 NOTHING = 1e-3  # of the most that an effect adds
 ROUNDING = 1e-9  # of the same
+COARSE = 3.0  # times as large as between exact forms must a difference of the criterion be
+RULED = 1.0  # difference of the criterion that the rules of naming are worth
+PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -272,8 +275,10 @@ def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str,
 def _confidence(diagnosis: Diagnosis, i: int) -> float:
     """Return the weight of this effect among all that were tried in its place, from the criterion.
 
-    What is at home where it acts goes before what is not, as in naming. A share is left to what no catalogue
-    holds, however well a name fits.
+    Forms are idealised, so that differences of the criterion say less than they would of exact ones (Miller
+    and Dunson 2019, Robust Bayesian inference via coarsening). What the rules of naming put first goes before
+    what fits as well: the simplest, by its name in such a motion, and more so what is at home where it acts.
+    A share is left to what no catalogue holds; a small one where that would hardly have passed for names.
     """
     best = diagnosis.best
     is_at_home = at_home(best)
@@ -282,11 +287,12 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     for candidate, other in _in_its_place(best, i, [*pool_of(diagnosis.steps), *rivals]):
         one_law = is_one_law(best, other)
         price = unpaid(candidate, best) - unpaid(best, candidate)  # of shapes that the data do not feel
-        worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0)
-        worse += ALIKE * (is_at_home and not at_home(candidate))
+        worse = 0.0 if one_law else max(candidate.criterion + price - best.criterion, 0.0) / COARSE
+        worse += RULED + ALIKE * one_law + HARDLY * (is_at_home and not at_home(candidate))
         code = other.effect.code
         weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
-    return (1.0 - OUTSIDE) * (1.0 - diagnosis.p_missing) / sum(weights.values())
+    outside = OUTSIDE * (PASSES_FOR_NAMES if diagnosis.is_named else 1.0)
+    return (1.0 - outside) * (1.0 - diagnosis.p_missing) / sum(weights.values())
 
 
 def _in_its_place(

@@ -124,8 +124,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
     p_value_ : float
         Of the test that nothing is missing.
     confidence_ : float
-        Weight of the first finding among all that were tried in its place; without any, the least probability
-        that nothing is missing, had the odds been even before the test.
+        Weight of the first finding among all that were tried in its place, told so that of many findings as
+        sure as many are right; without any, the least probability that nothing is missing, had the odds been
+        even before the test.
     noise_ : dict
         Estimated noise of each output, with its unit: ``sigma``, standard deviation of what is new of it in
         each sample; ``deviation``, of all of it, infinite where it drifts without bound; ``autoregression``
