@@ -598,6 +598,29 @@ def test_a_model_that_rests_anywhere_starts_where_the_machine_is_said_to_be_held
     assert table(told.out)["u"].tolist() == [50.0, 52.0, 52.0, 52.0]
 
 
+def test_a_reference_with_another_sampling_period_than_the_model_is_refused(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "slow.json"
+    NARXModel.from_equations("0.5*y[k-1] + u[k-1]", sampling_period=0.1).save(path)
+    reference = "time [s],r\n0,0\n1,1\n2,1\n"
+    feed(monkeypatch, reference)
+    assert main(["compensate", "-", "--model", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert "The reference is sampled every 1 s, the model 0.1 s" in said
+    assert "Pass --resample 0.1" in said
+    feed(monkeypatch, reference)
+    assert main(["compensate", "-", "--model", str(path), "--resample", "0.1", "--quiet"]) == 0
+    assert len(table(capsys.readouterr().out)) == 21
+
+
+def test_a_reference_with_another_sampling_period_than_the_record_is_refused(tmp_path, monkeypatch, capsys):
+    record = first_order(300)
+    record.insert(0, "time [s]", 0.1 * np.arange(300))
+    record.to_csv(tmp_path / "record.csv", index=False)
+    feed(monkeypatch, "time [s],r\n0,0\n1,0.1\n2,0.1\n")
+    assert main(["compensate", "-", "--record", str(tmp_path / "record.csv"), "--quiet"]) == 1
+    assert "sampled every 1 s, the record 0.1 s" in capsys.readouterr().err
+
+
 def test_no_file_is_written_where_the_law_has_no_solution_at_all(tmp_path, monkeypatch, capsys):
     path = tmp_path / "even.json"
     NARXModel.from_equations("0.5*y[k-1] + u[k-1]^2").save(path)  # no input makes y negative

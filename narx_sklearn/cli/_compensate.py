@@ -7,7 +7,7 @@ from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
-from narx_sklearn.cli._sampling import find_column, sample_evenly
+from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import InverseCompensator, IsolatedCompensator, RootCompensator
 from narx_sklearn.model import NARXModel
@@ -42,14 +42,15 @@ def run(options) -> None:
         compensator.set_params(model=model).fit()
         name, unit = model.inputs[0], model.units.get(model.inputs[0])
         label = f"{name} [{unit}]" if unit else name
+        dt = model.sampling_period
     else:
         recording = read_recording(options.record, options)
         tell_notes(recording.notes, options.quiet)
         if recording.y.shape[1] != 1:
             raise UsageError(f"A compensator follows one output; --y names {recording.y.shape[1]}.")
         compensator.fit(recording.u, recording.y.iloc[:, 0], recording.sessions)
-        label = recording.u.columns[0]
-    columns, reference, notes = _read_reference(options, compensator.law_.others)
+        label, dt = recording.u.columns[0], recording.dt
+    columns, reference, notes = _read_reference(options, compensator.law_.others, dt)
     done = compensator.compensate(reference, options.start)
     if options.start is None and options.record is None and compensator.law_.keeps_rest:
         notes.append(
@@ -84,7 +85,7 @@ def _load_model(path: str) -> NARXModel:
         ) from error
 
 
-def _read_reference(options, others):
+def _read_reference(options, others, dt: float | None):
     """Return the columns to write (time, reference), what the law knows beforehand, and notes."""
     table = read_table(options.reference)
     # the options name columns of the record where there is one, and of the reference where there is none
@@ -92,6 +93,7 @@ def _read_reference(options, others):
     sampled = sample_evenly(
         table, dt=options.dt, time=options.time if own else None, resample=options.resample if own else None
     )
+    _check_period(sampled.dt, dt, options)
     labels = list(sampled.frame.columns)
     beside = [find_column(labels, name, "The law also needs the input") for name in others]
     named = asked_columns(table, labels, options.r, "--r")
@@ -103,3 +105,18 @@ def _read_reference(options, others):
     columns = {} if sampled.dt is None else {"time [s]": sampled.dt * np.arange(len(sampled.frame))}
     known = sampled.frame[[label, *beside]].to_numpy()
     return {**columns, label: known[:, 0]}, known, list(sampled.notes)
+
+
+def _check_period(found: float | None, wanted: float | None, options) -> None:
+    """Raise where the reference has another sampling period than the model, or the record it is made from."""
+    if same_period(found, wanted):
+        return
+    if options.record is None:
+        whose, way = "model", f"Pass --resample {wanted:.6g}, or identify a model from a record sampled so"
+    else:
+        whose = "record"
+        way = f"Resample the reference, or the record: --resample {found:.6g} is for the record"
+    raise DataError(
+        f"The reference is sampled every {found:.6g} s, the {whose} {wanted:.6g} s: its law would run "
+        f"at another speed. {way}."
+    )

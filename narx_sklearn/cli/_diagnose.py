@@ -1,6 +1,5 @@
 """``narx-sklearn diagnose``."""
 
-import math
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,6 +10,7 @@ from narx_sklearn.cli._columns import Recording, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
+from narx_sklearn.cli._sampling import same_period
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.discrepancy import DiscrepancyRegressor, TraceSimulator
 from narx_sklearn.discrepancy.settings import STAGES
@@ -18,7 +18,6 @@ from narx_sklearn.discrepancy.settings import STAGES
 LONGEST = 500  # samples of a proposed experiment
 WITH_REPORT = STAGES | {"experiment that would tell": 86, "report": 88}
 FAR = 1e6  # times the usual size of a simulated output, beyond which it has diverged
-SAME_PERIOD = 0.01  # relative difference up to which the periods of record and simulator are one
 
 
 def run(options) -> None:
@@ -130,7 +129,7 @@ def check_trace(y_sim: pd.DataFrame, y: pd.DataFrame) -> None:
 
 
 def _checked(simulator, recording: Recording):
-    if recording.dt is not None and not math.isclose(simulator.dt, recording.dt, rel_tol=SAME_PERIOD):
+    if not same_period(recording.dt, simulator.dt):
         raise DataError(
             f"The record is sampled every {recording.dt:.6g} s, the simulator {simulator.dt:.6g} s. Give "
             f"the simulator dt={recording.dt:.6g}, or pass --resample {simulator.dt:.6g}."

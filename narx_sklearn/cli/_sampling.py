@@ -1,5 +1,6 @@
 """The sampling period of a table: from its time column or an option; gaps, jitter and uneven steps."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ TIME_NAMES = frozenset(
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 UNEVEN = 0.1  # of a period, beyond which a step is neither one period nor a whole number of them
 JITTER = 0.01  # of a period, from which it is worth a note
+SAME_PERIOD = 0.01  # relative difference up to which two sampling periods are one
 
 
 class Sampled(NamedTuple):
@@ -191,6 +193,11 @@ def _resampled(
         parts.append(pd.DataFrame({c: np.interp(grid, inside, frame[c].to_numpy()[piece]) for c in frame}))
         sessions.append(np.full(grid.size, number))
     return pd.concat(parts, ignore_index=True), np.concatenate(sessions)
+
+
+def same_period(dt: float | None, other: float | None) -> bool:
+    """Tell whether two sampling periods are one; one that nobody told goes with any."""
+    return dt is None or other is None or math.isclose(dt, other, rel_tol=SAME_PERIOD)
 
 
 def find_column(labels: list[str], asked: str, option: str) -> str:
