@@ -598,6 +598,17 @@ def test_a_model_that_rests_anywhere_starts_where_the_machine_is_said_to_be_held
     assert table(told.out)["u"].tolist() == [50.0, 52.0, 52.0, 52.0]
 
 
+def test_a_reference_in_another_unit_than_the_model_s_output_is_refused(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "stage.json"
+    NARXModel.from_equations("0.5*y[k-1] + u[k-1]", units={"y": "um"}).save(path)
+    feed(monkeypatch, "reference [mm]\n0\n0.001\n")
+    assert main(["compensate", "-", "--model", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert (
+        "'reference [mm]' is in another unit than the model's output 'y [um]': its values are to be" in said
+    )
+
+
 def test_a_reference_with_another_sampling_period_than_the_model_is_refused(tmp_path, monkeypatch, capsys):
     path = tmp_path / "slow.json"
     NARXModel.from_equations("0.5*y[k-1] + u[k-1]", sampling_period=0.1).save(path)

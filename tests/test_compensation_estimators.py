@@ -480,3 +480,55 @@ def test_an_inverse_law_worse_than_a_straight_line_is_told(monkeypatch):
         NarxWarning, match=r"leaves 50% of a reference's deviation, a straight line .* 10%.*lead"
     ):
         InverseCompensator().fit(*lag_behind_a_cubic(1000))
+
+
+# -- units of a reference --------------------------------------------------------------------------------
+
+
+def labelled_record(n_samples=400):
+    """A record of ``y[k] = 0.5 y[k-1] + u[k-1]`` with names and units."""
+    k = np.arange(n_samples)
+    u = (np.sin(k / 20) + 0.3 * np.sin(k / 7))[:, None]
+    y = lfilter([0.0, 1.0], [1.0, -0.5], u[:, 0])
+    return pd.DataFrame(u, columns=["drive [V]"]), pd.Series(y, name="gap [um]")
+
+
+@pytest.mark.parametrize(
+    "compensator",
+    [
+        RootCompensator(NARXRegressor(1, 1, degree=1)),
+        InverseCompensator(NARXRegressor(0, 2, degree=1)),
+        BoucWenCompensator(BoucWenModel(A=0.1, beta=0.1, gamma=0.1, input_gain=1.0)),
+        PrandtlIshlinskiiCompensator(),
+    ],
+    ids=lambda c: type(c).__name__,
+)
+def test_a_reference_in_another_unit_than_the_output_of_the_record_is_refused(compensator):
+    fitted = clone(compensator).fit(*labelled_record())
+    r = np.full(5, 0.5)
+    with pytest.raises(
+        ValueError,
+        match=r"column 'wanted \[mm\]' is in another unit than the model's output 'gap \[um\]': its values "
+        r"are to be taken times 1000\. Convert the column",
+    ):
+        fitted.predict(pd.DataFrame({"wanted [mm]": r}))
+    with pytest.warns(NarxWarning, match=r"'wanted \[V\]' states another unit than the model's output"):
+        fitted.predict(pd.Series(r, name="wanted [V]"))
+    for label in ("wanted [um]", "wanted"):
+        np.testing.assert_array_equal(fitted.predict(pd.Series(r, name=label)), fitted.predict(r))
+
+
+def test_a_reference_and_what_stands_beside_it_are_in_the_units_of_a_model():
+    model = NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-1] + v[k-1]", inputs=["u", "v"], units={"y": "K", "v": "degC"}
+    )
+    law = RootCompensator(model).fit()
+    known = pd.DataFrame({"y [K]": np.ones(3), "v [degC]": np.ones(3)})
+    np.testing.assert_array_equal(law.predict(known), law.predict(known.to_numpy()))
+    with pytest.raises(ValueError, match=r"'y \[degC\]' .* output 'y \[K\]': .* plus 273.15"):
+        law.predict(known.set_axis(["y [degC]", "v [degC]"], axis=1))
+    with pytest.raises(ValueError, match=r"'v \[K\]' .* the model's input 'v \[degC\]': .* minus 273.15"):
+        law.predict(known.set_axis(["y [K]", "v [K]"], axis=1))
+    inverse = NARXModel.from_equations("r[k]", outputs=["u"], inputs=["r"], units={"r": "um", "u": "V"})
+    with pytest.raises(ValueError, match=r"the model's output 'r \[um\]'"):
+        InverseCompensator(inverse).fit().predict(pd.Series(np.ones(3), name="r [mm]"))

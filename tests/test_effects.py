@@ -16,8 +16,8 @@ from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.kernels import FORCE
 from narx_sklearn.discrepancy.simulators.simulator import Windows
-from narx_sklearn.discrepancy.units import tidy_unit
 from narx_sklearn.model.phi import Phi
+from narx_sklearn.model.units import tidy_unit
 from narx_sklearn.physics import play
 from narx_sklearn.physics.effects import (
     BUILT_IN,

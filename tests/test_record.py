@@ -6,8 +6,8 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.records.record import label_findings, read_inputs, read_outputs, read_record
-from narx_sklearn.discrepancy.units import conversion
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.model.units import conversion
 
 N = 200
 LABELS = ["position [m]", "current [A]"]

@@ -103,8 +103,8 @@ def _read_reference(options, others, dt: float | None):
         raise UsageError(f"Which column is the reference? Name it with --r; there are {', '.join(labels)}.")
     (label,) = named
     columns = {} if sampled.dt is None else {"time [s]": sampled.dt * np.arange(len(sampled.frame))}
-    known = sampled.frame[[label, *beside]].to_numpy()
-    return {**columns, label: known[:, 0]}, known, list(sampled.notes)
+    known = sampled.frame[[label, *beside]]
+    return {**columns, label: known[label].to_numpy()}, known, list(sampled.notes)
 
 
 def _check_period(found: float | None, wanted: float | None, options) -> None:

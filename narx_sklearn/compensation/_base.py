@@ -17,6 +17,7 @@ from narx_sklearn._validation import (
     check_same_length,
     column_labels,
     session_slices,
+    split_unit,
 )
 from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.law import (
@@ -28,10 +29,11 @@ from narx_sklearn.compensation.law import (
     warn_if_unreachable,
 )
 from narx_sklearn.compensation.stability import warn_if_amplifying
-from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
+from narx_sklearn.model.units import compare_units
 
 AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
@@ -92,6 +94,7 @@ class Compensator(BaseEstimator):
         if self.limits is None and (data is not None or law.method == "search"):
             limits = self._range_of(applied)
         self._is_continuum = law.keeps_rest
+        self._told = self._told_of(y, law)
         self.law_ = replace(
             law, limits=limits, rate_limit=rate_limit, keeps_rest=law.keeps_rest and self.keep_rest, **choices
         )
@@ -161,8 +164,16 @@ class Compensator(BaseEstimator):
         ndarray of shape (n_samples,)
             Compensation input, in the unit of the machine's input.
 
+        Raises
+        ------
+        ValueError
+            If the reference has gaps, other columns than the law needs, or a label that states another unit
+            than the output's.
+
         Warns
         -----
+        NarxWarning
+            If a label states a unit that is not known to be the output's.
         UnreachableWarning
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it.
         """
@@ -186,6 +197,7 @@ class Compensator(BaseEstimator):
         """
         check_is_fitted(self, "law_")
         reference = as_signals(X, "X")
+        self._check_units(X)
         if reference.shape[1] != len(self.law_.known):
             raise ValueError(
                 f"X has {reference.shape[1]} columns; the law needs {len(self.law_.known)}: the reference"
@@ -298,6 +310,27 @@ class Compensator(BaseEstimator):
         applied, others = self._parted(u, self.model_)
         m = self.compensate(np.column_stack([as_signals(y, "y"), others]), m_init=applied[0]).m
         return float(1.0 - np.sum((applied - m) ** 2) / np.sum((applied - applied.mean()) ** 2))
+
+    def _told_of(self, y, law: CompensationLaw) -> tuple[tuple[str, str], ...]:
+        """Return, in words and with its unit, what the reference and each other known signal stands for."""
+        units = getattr(self.model_, "units", {})
+        label = (column_labels(y) or [None])[0]
+        labelled, unit = split_unit(label) if isinstance(label, str) else (None, None)
+        followed = self._followed()
+        told = [("output", labelled or followed, units.get(followed) or unit or "")]
+        told += [("input", name, units.get(name, "")) for name in law.others]
+        return tuple((f"the model's {role} '{name} [{unit}]'", unit) for role, name, unit in told)
+
+    def _followed(self) -> str:
+        """Return what the model calls the output that follows the reference."""
+        return getattr(self.model_, "outputs", ("y",))[0]
+
+    def _check_units(self, X) -> None:
+        for label, (whose, wanted) in zip(column_labels(X) or [], self._told, strict=False):
+            given = split_unit(label)[1] if isinstance(label, str) else None
+            words = compare_units(f"The reference's column {label!r}", given or "", whose, wanted)
+            if words:
+                warnings.warn(words, NarxWarning, stacklevel=4)
 
     def _parted(self, u: np.ndarray, model) -> tuple[np.ndarray, np.ndarray]:
         """Return the input that compensates, and the other inputs."""

@@ -205,6 +205,9 @@ class InverseCompensator(Compensator):
                 self.model_ = fitted_regressor(self.model, *swapped).model_
         return self._derive(self.model_)
 
+    def _followed(self) -> str:
+        return self.model_.inputs[0]
+
     def _derive(self, model):
         return inverse_law(smooth_signs(model, self.smooth_width), int(self.lead))
 

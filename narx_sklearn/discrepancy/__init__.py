@@ -15,8 +15,8 @@ Rooms, each with a map of its own
     ``surrogates`` stand in for simulators without equations, ``fitting`` makes a simulator fit a record, and
     ``simulators`` run.
 Known to all
-    ``settings`` asked for and ``results`` told, ``noise``, effects ``placed`` at a port, ``columns`` of a
-    table and the ``units`` of its labels.
+    ``settings`` asked for and ``results`` told, ``noise``, effects ``placed`` at a port, and ``columns`` of
+    a table by their labels.
 """
 
 from narx_sklearn.discrepancy.experiment import Experiment, confusability, design_input

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names, split_unit
-from narx_sklearn.discrepancy.units import Conversion, conversion
+from narx_sklearn.model.units import compare_units
 
 SAME_STEP = 0.01  # relative difference up to which the step of an index and dt are one
 TIMES = ("t", "time")  # names of an index that holds seconds, "time [s]"
@@ -41,13 +41,7 @@ def read_columns(data, signals: Sequence, name: str, role: str) -> np.ndarray:
             f"{name} has {values.shape[1]} columns, the simulator has {len(wanted)} {role}s: {wanted}. Pass "
             "one column for each, in this order, or a DataFrame with columns of these names."
         )
-    for label, signal, change in _conversions(data, signals):
-        if change is not None and not change.is_none:
-            raise ValueError(
-                f"{name}'s column {label!r} is in another unit than the simulator's {role} {str(signal)!r}: "
-                f"{change.in_words}. Convert the column and its label, or drop the unit from the label if it "
-                "is wrong."
-            )
+    _unlike(data, signals, name, role)
     return values
 
 
@@ -86,29 +80,21 @@ def _places(labels: Sequence, signal) -> list[int]:
     return exact or found
 
 
-def _conversions(data, signals: Sequence) -> list[tuple[Any, Any, Conversion | None]]:
-    """Return, for each label with a unit, its signal and how to get to its unit; None where unknown."""
-    labels = column_labels(data) or []
+def _unlike(data, signals: Sequence, name: str, role: str) -> list[tuple[str, dict]]:
+    """Return, in words and as evidence, labels in units not to be compared; raise where one is another."""
     told = []
-    for label, signal in zip(labels, signals, strict=False):
+    for label, signal in zip(column_labels(data) or [], signals, strict=False):
         unit = split_unit(label)[1] if isinstance(label, str) else None
-        if unit and signal.unit:
-            told.append((label, signal, conversion(unit, signal.unit)))
+        column, whose = f"{name}'s column {label!r}", f"the simulator's {role} {str(signal)!r}"
+        words = compare_units(column, unit or "", whose, signal.unit)
+        if words:
+            told.append((words, {role: signal.name, "label": label, "unit": signal.unit}))
     return told
 
 
 def unlike_units(data, signals: Sequence, name: str, role: str) -> list[tuple[str, dict]]:
     """Return, in words and as evidence, each label whose unit is not that of its signal in any known way."""
-    data = chosen_columns(data, signals, name, role)
-    return [
-        (
-            f"{name}'s column {label!r} states another unit than the simulator's {role} {str(signal)!r}, and "
-            "none that is known to be the same. Check that it is the right column, in the right unit.",
-            {role: signal.name, "label": label, "unit": signal.unit},
-        )
-        for label, signal, change in _conversions(data, signals)
-        if change is None
-    ]
+    return _unlike(chosen_columns(data, signals, name, role), signals, name, role)
 
 
 # -- times -----------------------------------------------------------------------------------------------

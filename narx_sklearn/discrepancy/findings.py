@@ -26,7 +26,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
-from narx_sklearn.discrepancy.units import in_seconds, tidy_unit
+from narx_sklearn.model.units import in_seconds, tidy_unit
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 NOTHING = 1e-3  # of the most that an effect adds

@@ -24,7 +24,7 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.units import rate_of, tidy_unit
+from narx_sklearn.model.units import rate_of, tidy_unit
 
 FEWEST_KNOWN = 400  # samples of an unknown signal, from which it is described
 MOST_ACTING = 20_000  # samples at which it is asked what an effect adds

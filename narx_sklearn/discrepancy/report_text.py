@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
 from narx_sklearn.discrepancy.search.inference import told_together, untold
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen
 from narx_sklearn.discrepancy.stages.unforeseen import ADDED, FACTOR, GAIN
-from narx_sklearn.discrepancy.units import in_seconds, rounded
+from narx_sklearn.model.units import in_seconds, rounded
 
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid

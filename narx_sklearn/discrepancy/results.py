@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from narx_sklearn.discrepancy.units import in_seconds
+from narx_sklearn.model.units import in_seconds
 
 VERDICTS = {
     "consistent": "The simulation agrees with the recordings; nothing is missing that these data can show.",

@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.simulators.ode import ODESimulator
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-from narx_sklearn.discrepancy.units import rounded
+from narx_sklearn.model.units import rounded
 
 FINER = 4  # times as many steps, to compare with
 EXPLAINING = 0.5  # of what effects do: finer steps may be all that is missing

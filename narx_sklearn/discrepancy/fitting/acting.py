@@ -6,7 +6,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
 from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
-from narx_sklearn.discrepancy.units import rate_of, tidy_unit
+from narx_sklearn.model.units import rate_of, tidy_unit
 
 
 def state_forces(

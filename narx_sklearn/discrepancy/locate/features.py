@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.discrepancy.simulators.simulator import Signal
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.model.units import tidy_unit
 
 PLAIN = "plain"  # attribute of a table: its columns that are signals or their sizes
 SAME = 0.999  # correlation above which a rate is a state that is there already

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce
 from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
-from narx_sklearn.discrepancy.units import rate_of, tidy_unit
+from narx_sklearn.model.units import rate_of, tidy_unit
 from narx_sklearn.physics.effects import PORTS
 
 FEWEST_BLOCKS = 20  # stretches whose log likelihoods are compared in pairs

@@ -36,7 +36,7 @@ from narx_sklearn.discrepancy.search.confirm import is_of_a_sensor
 from narx_sklearn.discrepancy.search.inference import untold
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.simulators.windows import find_pace
-from narx_sklearn.discrepancy.units import alike_but_for_time
+from narx_sklearn.model.units import alike_but_for_time
 from narx_sklearn.physics.effects import held_runs
 
 TIME_CONSTANTS = 4.0  # a window's length; a session should hold one

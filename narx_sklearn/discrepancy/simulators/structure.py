@@ -8,7 +8,7 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
-from narx_sklearn.discrepancy.units import may_be_alike
+from narx_sklearn.model.units import may_be_alike
 
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines

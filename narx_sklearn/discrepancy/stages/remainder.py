@@ -29,7 +29,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.followed import BEFORE, SHAPES, followed, followed_together, response
 from narx_sklearn.discrepancy.stages.pulse import strongest_pulse
-from narx_sklearn.discrepancy.units import in_seconds
+from narx_sklearn.model.units import in_seconds
 
 ROUNDS = 2  # of noise and parameters in turn
 CHUNK = 64  # forces answered to at once, so that memory does not grow with their number

@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
 from narx_sklearn.discrepancy.simulators.windows import WINDOWS, cut
-from narx_sklearn.discrepancy.units import tidy_unit
+from narx_sklearn.model.units import tidy_unit
 
 STEP = 0.25  # of the fastest pole's time, in an integration step: errors of 1e-5 of what it moves
 MOST_STEPS = 8  # in a sample; what is faster than that answers within the sample, and is no motion

@@ -13,7 +13,7 @@ def rate_of(name: str) -> str:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import rate_of
+    >>> from narx_sklearn.model.units import rate_of
     >>> rate_of("level"), rate_of("rate of turn")
     ('rate of level', 'change of rate of turn')
     """
@@ -27,7 +27,7 @@ def tidy_unit(unit: str) -> str:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import tidy_unit
+    >>> from narx_sklearn.model.units import tidy_unit
     >>> [tidy_unit(unit) for unit in ("m/s/s", "m/(m)", "N s/m/(m/s)", "1/(m/s^2)^2", "N/(m)^n")]
     ['m/s^2', '-', 'N s^2/m^2', 's^4/m^2', 'N/(m)^n']
     """
@@ -143,7 +143,7 @@ def conversion(given: str, wanted: str) -> Conversion | None:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import conversion
+    >>> from narx_sklearn.model.units import conversion
     >>> conversion("mV", "V").factor, conversion("m/s^2/V", "m/(s^2 V)").is_none, conversion("A", "V")
     (0.001, True, None)
     """
@@ -162,12 +162,55 @@ def conversion(given: str, wanted: str) -> Conversion | None:
     return Conversion(1.0) if alike and ours == theirs else None
 
 
+def compare_units(column: str, given: str, whose: str, wanted: str) -> str:
+    """Raise where a column's unit is another than a signal's; return what to warn of where none can tell.
+
+    Parameters
+    ----------
+    column : str
+        The column, in words that begin a sentence.
+    given, wanted : str
+        Its unit, and the signal's; empty where nobody told it.
+    whose : str
+        The signal, in words.
+
+    Returns
+    -------
+    str
+        Empty where the units are one.
+
+    Raises
+    ------
+    ValueError
+        If the values would have to be converted.
+
+    Examples
+    --------
+    >>> from narx_sklearn.model.units import compare_units
+    >>> compare_units("Column 'gap'", "mm", "the output 'y'", "m/1000")
+    "Column 'gap' states another unit than the output 'y', and none that is known to be the same. Check that \
+it is the right column, in the right unit."
+    """
+    change = conversion(given, wanted) if given and wanted else Conversion(1.0)
+    if change is None:
+        return (
+            f"{column} states another unit than {whose}, and none that is known to be the same. Check that "
+            "it is the right column, in the right unit."
+        )
+    if not change.is_none:
+        raise ValueError(
+            f"{column} is in another unit than {whose}: {change.in_words}. Convert the column and its label, "
+            "or drop the unit from the label if it is wrong."
+        )
+    return ""
+
+
 def scale_to(given: str, wanted: str) -> float | None:
     """Return how many of one unit another is; None where they do not measure the same.
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import scale_to
+    >>> from narx_sklearn.model.units import scale_to
     >>> round(scale_to("deg", "rad"), 6), scale_to("cm", "m"), scale_to("-", "rad")
     (0.017453, 0.01, None)
     """
@@ -180,7 +223,7 @@ def may_be_alike(unit: str, other: str) -> bool:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import may_be_alike
+    >>> from narx_sklearn.model.units import may_be_alike
     >>> may_be_alike("cm", "m"), may_be_alike("cm", ""), may_be_alike("cm", "m/s")
     (True, True, False)
     """
@@ -192,7 +235,7 @@ def is_per_time(unit: str) -> bool:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import is_per_time
+    >>> from narx_sklearn.model.units import is_per_time
     >>> [is_per_time(unit) for unit in ("m/s", "km/h", "rpm", "turns/s", "m", "m/s^2", "N")]
     [True, True, True, True, False, False, False]
     """
@@ -204,7 +247,7 @@ def alike_but_for_time(unit: str, other: str) -> bool:
 
     Examples
     --------
-    >>> from narx_sklearn.discrepancy.units import alike_but_for_time
+    >>> from narx_sklearn.model.units import alike_but_for_time
     >>> [alike_but_for_time(unit, "m") for unit in ("mm", "m/s^2", "N m", "rad/s")]
     [True, True, False, False]
     """
