@@ -326,6 +326,11 @@ def test_batches_give_the_model_of_the_whole(record):
     )
     assert batches.terms_ == whole.terms_
     np.testing.assert_allclose(batches.coef_, whole.coef_, rtol=1e-9)
+    for narx in (batches, whole):
+        for name, signal in (("u", X[:, 0]), ("y", y)):
+            least, mean, most = narx.model_.recorded[name]
+            assert (least, most) == (signal.min(), signal.max())
+            assert mean == pytest.approx(signal.mean(), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(

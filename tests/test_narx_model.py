@@ -51,6 +51,7 @@ def full_model():
         sampling_period=0.01,
         units={"y1": "m", "u1": "V"},
         origin={"y1": 300.0, "u2": -1.5},
+        recorded={"y1": (290.0, 300.25, 310.0), "u1": (-1.0, 0.0, 1 / 3)},
     )
 
 
@@ -136,6 +137,12 @@ def test_max_lag_counts_the_reach_of_phi_regressors(equation, phi, max_lag):
             lambda: NARXModel(["y[k-1]"], [1.0], origin={"y": np.inf}),
             "origin holds values that are not finite",
         ),
+        (lambda: NARXModel(["y[k-1]"], [1.0], recorded={"v": (0, 0, 1)}), r"recorded names \['v'\]"),
+        (
+            lambda: NARXModel(["y[k-1]"], [1.0], recorded={"u": (0, 2, 1)}),
+            "the least, the mean and the largest",
+        ),
+        (lambda: NARXModel(["y[k-1]"], [1.0], recorded={"u": (0, 1)}), r"of 'u' it holds \(0.0, 1.0\)"),
         (lambda: NARXModel(["y[k-1]"], [1.0], sampling_period=0.0), "sampling_period must be positive"),
         (lambda: NARXModel(["y[k-1]"], [1.0], sampling_period=np.inf), "sampling_period must be positive"),
         (
@@ -180,6 +187,15 @@ def test_model_survives_pickle_json_and_file(model, tmp_path):
         assert again == model
         assert hash(again) == hash(model)
         assert str(again) == str(model)
+        assert again.recorded == model.recorded
+
+
+def test_a_file_from_before_ranges_were_kept_still_loads():
+    content = full_model().to_dict()
+    del content["recorded"]
+    again = NARXModel.from_dict(content)
+    assert dict(again.recorded) == {}
+    assert again == full_model()  # where a model comes from does not count
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3))
@@ -241,6 +257,7 @@ def without(name):
         (full_model().to_dict() | {"inputs": 5}, "cannot be read"),
         (full_model().to_dict() | {"units": 5}, "cannot be read"),
         (full_model().to_dict() | {"origin": {"y1": "x"}}, "could not convert"),
+        (full_model().to_dict() | {"recorded": {"y1": 5}}, "cannot be read"),
         (full_model().to_dict() | {"phi": [5]}, "cannot be read"),
         (full_model().to_dict() | {"phi": [{"type": []}]}, "cannot be read"),
         (

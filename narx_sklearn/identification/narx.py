@@ -52,7 +52,7 @@ from narx_sklearn.identification.procedure import (
     total_criterion,
     warn_if_short,
 )
-from narx_sklearn.identification.record import ArrayRecord, Record
+from narx_sklearn.identification.record import ArrayRecord, Moments, Record
 from narx_sklearn.identification.recordings import open_record
 from narx_sklearn.identification.refinement import free_run_uncertainty, refine_free_run
 from narx_sklearn.identification.regressors import Candidates, candidates_of, reach_of, remembers_all
@@ -316,13 +316,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _forget(self) -> None:
         """Drop the model and the batches of earlier fits; an interrupted fit leaves nothing to be used."""
-        for name in ("model_", "_batches", "_end", "_problem"):
+        for name in ("model_", "_batches", "_end", "_problem", "_moments"):
             self.__dict__.pop(name, None)
 
     def _fit(self, X, y, sessions):
         self._check_parameters()
         record = self._open(X, y, sessions, reset=True)
         problem, units = self._pose(record)
+        about = self._about(problem, units, record.moments)
         constraints = self._constraints(problem)
         choices = self._compress(problem, constraints, record)
         selected = self._select_best(choices, constraints)
@@ -335,7 +336,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 selected = [
                     self._estimate_again(one, i, constraints[i], *samples) for i, one in enumerate(selected)
                 ]
-        model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
+        model = build_model(selected, problem, **about)
         refinement, noise = None, "equation"
         if record.in_memory:
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
@@ -410,17 +411,20 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         record = self._open(X, y, sessions, reset=first)
         problem, units = self._pose(record)
         constraints = self._constraints(problem)
+        moments = record.moments
         if first:
             choices = self._compress(problem, constraints, record)
             batches = [Batches.begin(compressed, record) for compressed in choices]
         else:
             self._check_same_problem(problem)
+            moments = self._moments.merge(moments)
             record = self._continued(record)
             batches = [before.add(record, float(self.forgetting)) for before in self._batches]
         selected = self._select_best([b.compressed for b in batches], constraints)
         (taken,) = (b for b in batches if b.compressed is selected[0].compressed)
-        model = build_model(selected, problem, sampling_period=self.sampling_period, units=units)
+        model = build_model(selected, problem, **self._about(problem, units, moments))
         self._problem = problem
+        self._moments: Moments = moments
         self._batches: list[Batches] = batches
         self._keep_end(record)
         self._store(model, selected, None, "equation")
@@ -557,6 +561,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         )
         self._library = library
         return Problem(outputs, inputs, phi, library), units
+
+    def _about(self, problem: Problem, units: dict[str, str], moments: Moments) -> dict[str, object]:
+        """Return what a model knows besides its equations."""
+        values = zip(problem.outputs + problem.inputs, *moments.range, strict=True)
+        recorded = {name: (low, mean, high) for name, low, mean, high in values if low <= high}
+        return {"sampling_period": self.sampling_period, "units": units, "recorded": recorded}
 
     def _has_no_inputs(self) -> bool:
         lags = self.input_lags

@@ -115,6 +115,11 @@ class Moments(NamedTuple):
         )
 
     @property
+    def range(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Smallest value, mean and largest value of each signal."""
+        return self.low, np.clip(self.mean, self.low, self.high), self.high  # a mean has its rounding
+
+    @property
     def deviation(self) -> np.ndarray:
         """Standard deviation of each signal."""
         return np.sqrt(self.square / np.maximum(self.known, 1.0))

@@ -187,6 +187,7 @@ def _fields(model: NARXModel) -> dict:
         "sampling_period": model.sampling_period,
         "units": model.units,
         "origin": model.origin,
+        "recorded": model.recorded,
     }
 
 

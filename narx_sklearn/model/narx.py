@@ -47,6 +47,10 @@ class NARXModel:
     origin : mapping of {str: float}, optional
         Operating point: inside the terms an input or output means its deviation from this value. Zero
         where not given.
+    recorded : mapping of {str: (float, float, float)}, optional
+        Least, mean and largest value of inputs and outputs in the record that the model was identified
+        from, in their units; beyond them nothing is known of the machine. A signal may lack. Where a model
+        comes from does not count when models are compared.
 
     Examples
     --------
@@ -66,6 +70,7 @@ class NARXModel:
     sampling_period: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, float] = field(default_factory=dict)
+    recorded: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self):
         given = self.library if isinstance(self.library, TermLibrary) else list(self.library)
@@ -100,6 +105,8 @@ class NARXModel:
         set_field(self, "phi", phi)
         set_field(self, "units", MappingProxyType(dict(self.units)))
         set_field(self, "origin", MappingProxyType({s: float(v) for s, v in self.origin.items() if v != 0}))
+        recorded = {s: tuple(float(v) for v in values) for s, values in self.recorded.items()}
+        set_field(self, "recorded", MappingProxyType(recorded))
         self._check()
 
     def _check(self) -> None:
@@ -121,13 +128,19 @@ class NARXModel:
                     f"{phi.name} is a function of {sorted(phi.signals)}; it can use only the outputs "
                     f"{list(self.outputs)} and inputs {list(self.inputs)}."
                 )
-        for given, known in ((self.units, names), (self.origin, self.outputs + self.inputs)):
-            outside = given.keys() - set(known)
+        signals = self.outputs + self.inputs
+        for word, known in (("units", names), ("origin", signals), ("recorded", signals)):
+            outside = getattr(self, word).keys() - set(known)
             if outside:
-                word = "units" if given is self.units else "origin"
                 raise ValueError(f"{word} names {sorted(outside)}, which are not among {list(known)}.")
         if not np.all(np.isfinite(list(self.origin.values()))):
             raise ValueError(f"origin holds values that are not finite: {dict(self.origin)}.")
+        for name, values in self.recorded.items():
+            if len(values) != 3 or not -np.inf < values[0] <= values[1] <= values[2] < np.inf:
+                raise ValueError(
+                    f"recorded must hold three finite values of each signal, the least, the mean and the "
+                    f"largest in this order; of {name!r} it holds {values}."
+                )
         for term in self.library:
             for variable in term.variables:
                 depends_on_output = variable.signal in self.outputs or variable.signal in self._output_phis
@@ -246,6 +259,7 @@ class NARXModel:
             phi=self.phi,
             sampling_period=self.sampling_period,
             units=self.units,
+            recorded=self.recorded,
         )
 
     def __eq__(self, other) -> bool:
@@ -265,7 +279,8 @@ class NARXModel:
 
     def __reduce__(self):
         fields = (self.library, np.array(self.parameters), self.outputs, self.inputs, self.phi)
-        return NARXModel, (*fields, self.sampling_period, dict(self.units), dict(self.origin))
+        about = (dict(self.units), dict(self.origin), dict(self.recorded))
+        return NARXModel, (*fields, self.sampling_period, *about)
 
     def to_text(self, digits: int = 5) -> str:
         """Return equations, phi definitions and operating point as text."""
@@ -305,6 +320,7 @@ class NARXModel:
             "sampling_period": self.sampling_period,
             "units": dict(self.units),
             "origin": dict(self.origin),
+            "recorded": {signal: list(values) for signal, values in self.recorded.items()},
             "phi": [p.to_dict() for p in self.phi],
             "equations": {
                 output: {str(term): value for term, value in side.items}
@@ -349,6 +365,7 @@ class NARXModel:
                 sampling_period=content.get("sampling_period"),
                 units=content.get("units", {}),
                 origin=content.get("origin", {}),
+                recorded=content.get("recorded", {}),
             )
         except (ValueError, TypeError, AttributeError) as error:
             raise ModelFormatError(f"The model cannot be read: {error}") from error
