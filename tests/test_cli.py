@@ -598,6 +598,42 @@ def test_a_model_that_rests_anywhere_starts_where_the_machine_is_said_to_be_held
     assert table(told.out)["u"].tolist() == [50.0, 52.0, 52.0, 52.0]
 
 
+def test_a_saved_model_begins_and_stays_within_what_was_recorded(tmp_path, monkeypatch, capsys):
+    u = prfs(1500, 1.0, 0.01, amplitudes=5.0, random_state=0)
+    y = 20.0 + 2.0 * np.concatenate([u[:1], u[:-1]])
+    feed(monkeypatch, pd.DataFrame({"drive [V]": u, "position [um]": y}).to_csv(index=False))
+    saved = tmp_path / "stage.json"
+    asked = ["--structure=rate_independent", "--u=drive", "--y=position", "--quiet", "--save", str(saved)]
+    assert main(["identify", "-", *asked]) == 0
+    capsys.readouterr()
+    low, _, high = NARXModel.load(saved).recorded["drive"]
+    for r, said in (
+        (20.0, "note: The model can rest at any"),
+        (90.0, "warning: The reference begins at 90, b"),
+    ):
+        feed(monkeypatch, f"r [um]\n{r}\n{r}\n")
+        assert main(["compensate", "-", "--model", str(saved)]) == 0
+        told = capsys.readouterr()
+        assert said in told.err
+        m = table(told.out)["drive [V]"].to_numpy()
+        assert low - 1e-9 <= m.min() <= m.max() <= high + 1e-9  # written to twelve digits
+        if r == 20.0:
+            assert m == pytest.approx([0.0, 0.0], abs=0.05 * (high - low))
+
+
+def test_where_nothing_tells_which_input_holds_the_first_reference_a_warning_says_so(
+    tmp_path, monkeypatch, capsys
+):
+    path = tmp_path / "stage.json"
+    NARXModel.from_equations("y[k-1] + 0.5*phi1[k-1]", phi=[Difference("u", name="phi1")]).save(path)
+    feed(monkeypatch, "r\n8\n8\n")
+    assert main(["compensate", "-", "--model", str(path), "--quiet"]) == 0
+    assert (
+        "warning: The model can rest at any input, and --start tells none; the first one is 8, the number"
+        in (capsys.readouterr().err)
+    )
+
+
 def test_a_reference_in_another_unit_than_the_model_s_output_is_refused(tmp_path, monkeypatch, capsys):
     path = tmp_path / "stage.json"
     NARXModel.from_equations("0.5*y[k-1] + u[k-1]", units={"y": "um"}).save(path)

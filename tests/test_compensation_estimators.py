@@ -532,3 +532,58 @@ def test_a_reference_and_what_stands_beside_it_are_in_the_units_of_a_model():
     inverse = NARXModel.from_equations("r[k]", outputs=["u"], inputs=["r"], units={"r": "um", "u": "V"})
     with pytest.raises(ValueError, match=r"the model's output 'r \[um\]'"):
         InverseCompensator(inverse).fit().predict(pd.Series(np.ones(3), name="r [mm]"))
+
+
+# -- what a model keeps of its record --------------------------------------------------------------------
+
+
+def resting_model(slope, recorded):
+    """A model that can rest anywhere, its output ``slope`` times the input but for a constant."""
+    return NARXModel.from_equations(
+        {"y[k-1]": 1.0, "phi1[k-1]": slope}, phi=[Difference("u")], recorded=recorded
+    )
+
+
+@pytest.mark.parametrize(("slope", "first"), [(0.1, 25.0), (-0.1, 75.0)])
+def test_a_model_that_rests_anywhere_begins_with_an_input_recorded_near_the_first_reference(slope, first):
+    model = resting_model(slope, {"u": (0.0, 50.0, 100.0), "y": (0.0, 6.0, 10.0)})
+    fitted = RootCompensator(model).fit()
+    assert fitted.predict(np.full(4, 3.0)).tolist() == [first] * 4  # half way from the least to the mean
+    inverse = NARXModel.from_equations(
+        {"u[k-1]": 1.0, "phi1[k]": 1 / slope},
+        outputs=["u"],
+        inputs=["y"],
+        phi=[Difference("y")],
+        recorded=model.recorded,
+    )
+    assert InverseCompensator(inverse).fit().predict(np.full(4, 3.0)).tolist() == [first] * 4
+
+
+def test_a_model_keeps_the_law_within_the_input_that_was_recorded():
+    model = resting_model(0.1, {"u": (0.0, 50.0, 100.0), "y": (0.0, 6.0, 10.0)})
+    r = np.r_[np.full(5, 6.0), np.linspace(6.0, 13.0, 50)]
+    fitted = RootCompensator(model).fit()
+    assert fitted.law_.limits == (0.0, 100.0)
+    with pytest.warns(UnreachableWarning, match="Of 55 samples 14 had no admissible input"):
+        assert fitted.predict(r).max() <= 100.0
+    assert RootCompensator(model, limits=(-5.0, 500.0)).fit().law_.limits == (-5.0, 500.0)
+    unknown = resting_model(0.1, {})
+    assert RootCompensator(unknown).fit().law_.limits == (-np.inf, np.inf)
+
+
+def test_a_reference_that_begins_beyond_what_was_recorded_is_told():
+    model = resting_model(0.1, {"u": (0.0, 50.0, 100.0), "y": (0.0, 6.0, 10.0)})
+    fitted = RootCompensator(model).fit()
+    with pytest.warns(UnreachableWarning, match="begins at 97, beyond the recorded output, 0 to 10"):
+        assert fitted.predict(np.full(4, 97.0)).tolist() == [100.0] * 4
+    assert fitted.predict(np.full(4, 97.0), m_init=40.0).tolist() == [40.0] * 4
+
+
+def test_a_searched_law_takes_its_range_from_the_model():
+    given = {"u": (-1.0, 0.0, 2.0)}
+    model = NARXModel.from_equations(
+        "0.5*y[k-1] + u[k-1] + 0.1*phi1[k-1]", phi=[SmoothSign("u", width=0.1)], recorded=given
+    )
+    law = RootCompensator(model).fit().law_
+    assert law.method == "search"
+    assert law.limits == (-1.0, 2.0)

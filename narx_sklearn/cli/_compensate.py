@@ -1,5 +1,7 @@
 """``narx-sklearn compensate``."""
 
+import warnings
+
 import numpy as np
 
 from narx_sklearn._validation import split_unit
@@ -9,7 +11,13 @@ from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
 from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
 from narx_sklearn.cli._tables import read_table
-from narx_sklearn.compensation import InverseCompensator, IsolatedCompensator, RootCompensator
+from narx_sklearn.compensation import (
+    InverseCompensator,
+    IsolatedCompensator,
+    RootCompensator,
+    UnreachableWarning,
+)
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model import NARXModel
 
 METHODS = {"roots": RootCompensator, "isolated": IsolatedCompensator, "inverse": InverseCompensator}
@@ -53,10 +61,7 @@ def run(options) -> None:
     columns, reference, notes = _read_reference(options, compensator.law_.others, dt)
     done = compensator.compensate(reference, options.start)
     if options.start is None and options.record is None and compensator.law_.keeps_rest:
-        notes.append(
-            f"The model can rest at any input, and --start tells none; the first one is {done.m[0]:g}. Pass "
-            "--start with the input at which the machine is held."
-        )
+        notes += _first_input(compensator, columns, float(done.m[0]))
     counts = done.counts
     if counts.no_solution == counts.samples:
         raise DataError(
@@ -74,6 +79,33 @@ def run(options) -> None:
             notes.append(f"At {count} of {counts.samples} samples {what}.")
     tell_notes(notes, options.quiet)
     write_columns(options.output, {**columns, label: done.m})
+
+
+def _first_input(compensator, columns, first: float) -> list[str]:
+    """Return a note on an input that begins as recorded; warn where no record tells which input that is."""
+    model, label = compensator.model_, list(columns)[-1]
+    words = "The model can rest at any input, and --start tells none; the first one is"
+    way = "Pass --start with the input at which the machine is held."
+    r, recorded = columns[label][0], model.recorded.get(model.outputs[0])
+    if recorded is None or model.inputs[0] not in model.recorded:
+        warnings.warn(
+            f"{words} {first:g}, the number of the first reference, though that is of the output: the output "
+            f"will be off by a constant that is not known. {way} Or identify the model anew: what `identify "
+            "--save` writes now keeps what was recorded.",
+            NarxWarning,
+            stacklevel=2,
+        )
+        return []
+    if not recorded[0] <= r <= recorded[2]:
+        warnings.warn(
+            f"The reference begins at {r:g}, beyond the recorded output, {recorded[0]:g} to {recorded[2]:g}; "
+            f"the first input is {first:g}, and the output will be off by a constant that is not known. "
+            f"{way}",
+            UnreachableWarning,
+            stacklevel=2,
+        )
+        return []
+    return [f"{words} {first:g}, about what was recorded with an output of {r:g}. {way}"]
 
 
 def _load_model(path: str) -> NARXModel:

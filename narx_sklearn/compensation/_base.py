@@ -26,6 +26,7 @@ from narx_sklearn.compensation.law import (
     CompensationLaw,
     LawRun,
     LawState,
+    UnreachableWarning,
     warn_if_unreachable,
 )
 from narx_sklearn.compensation.stability import warn_if_amplifying
@@ -77,7 +78,7 @@ class Compensator(BaseEstimator):
         choices = self._choices()
         for name, choice in choices.items():
             check_choice(choice, name, CHOICES[name])
-        self._line = None
+        self._line = self._middle = None
         data = None
         if X is not None and y is not None:
             check_indexes(X, y)
@@ -91,8 +92,10 @@ class Compensator(BaseEstimator):
         if data is not None:
             applied = self._parted(data[0], self.model_)[0]
             self._line = _static_line(applied, data[1][:, 0])
-        if self.limits is None and (data is not None or law.method == "search"):
-            limits = self._range_of(applied)
+        else:
+            self._middle = self._middle_of_record()
+        if self.limits is None:
+            limits = self._known_range(applied, needed=law.method == "search")
         self._is_continuum = law.keeps_rest
         self._told = self._told_of(y, law)
         self.law_ = replace(
@@ -156,8 +159,10 @@ class Compensator(BaseEstimator):
             be read ahead, and is held after its end.
         m_init : float, default=None
             Input held before the first sample. None takes the one that holds the first reference. Where the
-            model can rest anywhere, many do; it is then the one on the straight line through the record, and
-            without a record as large as the first reference: pass ``m_init``.
+            model can rest anywhere, many do; it is then the one on the straight line through the record, or
+            between the least, the mean and the largest values that the model keeps of it
+            (``model.recorded``). Without either it is as large as the first reference, though in another
+            unit: pass ``m_init``.
 
         Returns
         -------
@@ -175,9 +180,12 @@ class Compensator(BaseEstimator):
         NarxWarning
             If a label states a unit that is not known to be the output's.
         UnreachableWarning
-            If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it.
+            If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
+            if the first reference, at which the model may rest, lies beyond what was recorded.
         """
         run = self.compensate(X, m_init)
+        if m_init is None and self._is_continuum:
+            self._warn_if_begun_beyond(float(as_signals(X, "X")[0, 0]))
         warn_if_unreachable(run.counts, self.law_)
         return run.m
 
@@ -325,6 +333,36 @@ class Compensator(BaseEstimator):
         """Return what the model calls the output that follows the reference."""
         return getattr(self.model_, "outputs", ("y",))[0]
 
+    def _driving(self) -> str:
+        """Return what the model calls the input that compensates."""
+        return getattr(self, "input_name", None) or self.model_.inputs[0]
+
+    def _recorded(self) -> tuple[Any, Any]:
+        """Return least, mean and largest value of output and input in the model's own record, as known."""
+        if not isinstance(self.model_, NARXModel):
+            return None, None
+        return self.model_.recorded.get(self._followed()), self.model_.recorded.get(self._driving())
+
+    def _middle_of_record(self) -> tuple[tuple, tuple] | None:
+        """Return outputs and the inputs that went with them, as far as the model keeps them of its record."""
+        outputs, inputs = self._recorded()
+        if outputs is None or inputs is None:
+            return None
+        names = self._driving(), self._followed()
+        rises = _rises(self.model_, next(name for name in names if name in self.model_.inputs))
+        return None if rises is None else (outputs, inputs if rises else inputs[::-1])
+
+    def _warn_if_begun_beyond(self, first: float) -> None:
+        outputs = self._recorded()[0]
+        if outputs is not None and not outputs[0] <= first <= outputs[2]:
+            warnings.warn(
+                f"The reference begins at {first:g}, beyond the recorded output, {outputs[0]:g} to "
+                f"{outputs[2]:g}: which input holds it there is not known. Let it "
+                "begin within, or pass m_init.",
+                UnreachableWarning,
+                stacklevel=3,
+            )
+
     def _check_units(self, X) -> None:
         for label, (whose, wanted) in zip(column_labels(X) or [], self._told, strict=False):
             given = split_unit(label)[1] if isinstance(label, str) else None
@@ -342,7 +380,11 @@ class Compensator(BaseEstimator):
         """Return the input that holds the first reference, as far as the law or the record know it."""
         r = float(np.asarray(known).reshape(-1)[0])
         low, high = self.law_.limits
-        guess = r if self._line is None else self._line[0] + self._line[1] * r
+        guess = r
+        if self._line is not None:
+            guess = self._line[0] + self._line[1] * r
+        elif self._middle is not None:
+            guess = float(np.interp(r, *self._middle))
         guess = float(min(max(guess, low), high))
         if self._is_continuum:
             return guess
@@ -362,12 +404,19 @@ class Compensator(BaseEstimator):
             raise ValueError(f"rate_limit must be positive (or None), got {self.rate_limit!r}.")
         return limits, float(rate)
 
+    def _known_range(self, applied, *, needed: bool) -> tuple[float, float]:
+        """Return the range of the input in the record, or in the one that the model is from."""
+        recorded = self._recorded()[1]
+        if applied is None and recorded is not None:
+            return recorded[0], recorded[2]
+        return self._range_of(applied) if applied is not None or needed else (-np.inf, np.inf)
+
     @staticmethod
     def _range_of(applied) -> tuple[float, float]:
         if applied is None:
             raise ValueError(
                 "The law of this model is searched, which needs limits=(low, high): the range of the input. "
-                "They are taken from the data where fit gets data."
+                "They are taken from the data where fit gets data, or from model.recorded."
             )
         return float(np.nanmin(applied)), float(np.nanmax(applied))
 
@@ -496,6 +545,21 @@ def _known_pieces(reference, u: np.ndarray, sessions) -> Iterator[tuple[slice, n
         if known.any():
             begin = int(np.argmax(known))
             yield slice(piece.start + begin, piece.stop), known[begin:]
+
+
+def _rises(model: NARXModel, name: str) -> bool | None:
+    """Tell whether a model's output rises with an input over the latter's recorded range; None if unknown."""
+    n_samples = max(SETTLING, model.max_lag + 2)
+    mean = {s: model.recorded.get(s, (0.0, 0.0, 0.0))[1] for s in model.outputs + model.inputs}
+    X = np.tile([mean[s] for s in model.inputs], (n_samples, 1))
+    least, _, most = model.recorded[name]
+    X[:, model.inputs.index(name)] = np.linspace(least, most, n_samples)
+    y_init = np.tile([mean[s] for s in model.outputs], (n_samples, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DivergenceWarning)  # a run that is lost tells nothing
+        run = free_run(model, X, y_init)
+    moved = run.y[-1, 0] - run.y[0, 0]
+    return bool(moved > 0) if run.stopped_at is None and moved != 0 else None
 
 
 def unnamed(X, y):

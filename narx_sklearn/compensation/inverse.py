@@ -125,7 +125,8 @@ class InverseCompensator(Compensator):
         ``"model"`` takes the best of those that `RootCompensator` identifies.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
-        beyond which nothing is known; no limits where a model is given.
+        beyond which nothing is known: that of the record, or the one that the model given keeps
+        (``model.recorded``). No limits where neither tells.
     rate_limit : float or None, default=None
         Largest change of the input in one sample.
     keep_rest : bool, default=True
@@ -207,6 +208,9 @@ class InverseCompensator(Compensator):
 
     def _followed(self) -> str:
         return self.model_.inputs[0]
+
+    def _driving(self) -> str:
+        return self.model_.outputs[0]
 
     def _derive(self, model):
         return inverse_law(smooth_signs(model, self.smooth_width), int(self.lead))

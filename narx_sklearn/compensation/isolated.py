@@ -34,7 +34,8 @@ class IsolatedCompensator(Compensator):
         does.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
-        beyond which nothing is known; no limits where a model is given.
+        beyond which nothing is known: that of the record, or the one that the model given keeps
+        (``model.recorded``). No limits where neither tells.
     rate_limit : float or None, default=None
         Largest change of the input in one sample.
     keep_rest : bool, default=True
