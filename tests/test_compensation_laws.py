@@ -14,6 +14,7 @@ from thesis_models import EXAMPLE_4_1, M_I, M_INVERSE, M_R, THETA_I, THETA_R
 from narx_sklearn.compensation import (
     BoucWenElement,
     CompensationLaw,
+    RootCompensator,
     c_source,
     inverse_law,
     isolated_law,
@@ -814,3 +815,10 @@ def test_the_c_code_computes_the_same_numbers(tmp_path):
 def test_names_that_are_not_c_are_refused():
     with pytest.raises(ValueError, match="identifier"):
         c_source(root_law(M_R), "2fast")
+
+
+def test_the_stability_of_a_compensator_is_asked_of_its_law():
+    compensator = RootCompensator(NARXModel.from_equations("0.5*y[k-1] + u[k-1]")).fit()
+    with pytest.raises(TypeError, match=r"got RootCompensator\. .* pass compensator\.law_"):
+        law_stability(compensator, np.ones(9))
+    assert law_stability(compensator.law_, np.ones(9)).is_stable

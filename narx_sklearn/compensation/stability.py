@@ -78,6 +78,11 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
     -------
     LawStability
 
+    Raises
+    ------
+    TypeError
+        If ``law`` is no law, such as the compensator that has it.
+
     Examples
     --------
     >>> import numpy as np
@@ -88,6 +93,11 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
     >>> found.is_stable, round(found.growth, 6)
     (False, 1.1)
     """
+    if not isinstance(law, CompensationLaw):
+        raise TypeError(
+            f"law must be a CompensationLaw, got {type(law).__name__}. Of a fitted compensator pass "
+            "compensator.law_."
+        )
     known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(law.known)))
     every = max(1, -(-known.shape[0] // N_CHECKED))  # rounded up, so that the samples checked reach the end
     n_checked = -(-known.shape[0] // every)
