@@ -822,3 +822,10 @@ def test_the_stability_of_a_compensator_is_asked_of_its_law():
     with pytest.raises(TypeError, match=r"got RootCompensator\. .* pass compensator\.law_"):
         law_stability(compensator, np.ones(9))
     assert law_stability(compensator.law_, np.ones(9)).is_stable
+
+
+def test_an_input_that_also_multiplies_an_output_is_not_isolated():
+    # to the first power everywhere, and yet what it is multiplied by changes from sample to sample
+    model = NARXModel.from_equations("0.8*y[k-1] + u[k-1] + 0.1*y[k-1]*u[k-1]")
+    with pytest.raises(ValueError, match=r"cannot be isolated.*may occur only in a linear term"):
+        isolated_law(model)
