@@ -138,6 +138,18 @@ def test_an_eigenvalue_outside_the_unit_circle_is_a_warning_with_its_modulus():
     assert_allclose(rest.eigenvalues, [1.0, -1.5])
 
 
+def test_of_a_continuum_that_is_not_there_only_what_fails_is_told():
+    outside = NARXModel.from_equations("-0.5*y[k-1] + 1.5*y[k-2] + 0.1*phi1[k-1]", phi=PHI)
+    off_sum = NARXModel.from_equations("0.9*y[k-1] + 0.1*phi1[k-1]", phi=PHI)
+    both = NARXModel.from_equations("-0.5*y[k-1] + 1.6*y[k-2] + 0.1*phi1[k-1]", phi=PHI)
+    for model, sums, modulus in ((outside, False, True), (off_sum, True, False), (both, True, True)):
+        with pytest.warns(NarxWarning, match="no stable continuum") as told:
+            check_continuum(model, "continuum")
+        message = str(told[0].message)
+        assert ("miss their sum" in message) == sums
+        assert ("has modulus" in message) == modulus
+
+
 def test_a_sum_that_is_not_one_is_a_warning_with_the_gap():
     model = NARXModel.from_equations("0.9*y[k-1] + 0.1*phi1[k-1]", phi=PHI)
     with pytest.warns(NarxWarning, match=r"miss their sum by 0\.1,"):

@@ -415,11 +415,18 @@ def check_continuum(model: NARXModel, constraints) -> RestingDynamics | None:
     n_free = asked if isinstance(constraints, Mapping) else len(model.outputs)
     rest = resting_dynamics(model, n_free)
     if not rest.holds:
+        why = []
+        if not rest.sum_error <= SUM_TOLERANCE:
+            why.append(
+                f"its linear output coefficients miss their sum by {rest.sum_error:.3g}, which must be 0"
+            )
+        if not rest.other_radius < 1.0:
+            radius = f"{rest.other_radius:.6g}"
+            why.append(f"besides the eigenvalue 1 the largest has modulus {radius}, which must be below 1")
         warnings.warn(
-            f"The model has no stable continuum of steady states: its linear output coefficients miss their "
-            f"sum by {rest.sum_error:.3g}, and besides the eigenvalue 1 the largest has modulus "
-            f"{rest.other_radius:.6g}, which must be below 1 (Lemma 4.1). It drifts or oscillates when the "
-            "input stops. Try fewer output_lags, another sampling period, or refine=True.",
+            f"The model has no stable continuum of steady states: {', and '.join(why)} "
+            "(Lemma 4.1). It drifts or oscillates when the input stops. Try fewer output_lags, "
+            "another sampling period, or refine=True.",
             NarxWarning,
             stacklevel=2,
         )
