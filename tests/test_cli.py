@@ -621,6 +621,21 @@ def test_a_saved_model_begins_and_stays_within_what_was_recorded(tmp_path, monke
             assert m == pytest.approx([0.0, 0.0], abs=0.05 * (high - low))
 
 
+def test_a_reference_that_begins_beyond_the_record_is_told(tmp_path, monkeypatch, capsys):
+    u = prfs(1500, 1.0, 0.01, amplitudes=5.0, random_state=0)
+    h, y = 0.0, np.zeros(u.size)
+    for k in range(1, u.size):
+        h += 0.3 * (u[k] - u[k - 1]) - 0.2 * abs(u[k] - u[k - 1]) * h
+        y[k] = u[k - 1] - h
+    pd.DataFrame({"u": u, "y": y}).to_csv(tmp_path / "record.csv", index=False)
+    for r, warned in ((0.0, False), (90.0, True)):
+        feed(monkeypatch, f"r\n{r}\n{r}\n")
+        assert main(["compensate", "-", "--record", str(tmp_path / "record.csv"), "--quiet"]) == 0
+        told = capsys.readouterr()
+        assert ("warning: The reference begins at 90, beyond the recorded output" in told.err) == warned
+        assert np.abs(table(told.out)["u"]).max() <= np.abs(u).max() + 1e-9  # written to twelve digits
+
+
 def test_where_nothing_tells_which_input_holds_the_first_reference_a_warning_says_so(
     tmp_path, monkeypatch, capsys
 ):

@@ -50,18 +50,21 @@ def run(options) -> None:
         compensator.set_params(model=model).fit()
         name, unit = model.inputs[0], model.units.get(model.inputs[0])
         label = f"{name} [{unit}]" if unit else name
-        dt = model.sampling_period
+        dt, reach = model.sampling_period, model.recorded.get(model.outputs[0])
     else:
         recording = read_recording(options.record, options)
         tell_notes(recording.notes, options.quiet)
         if recording.y.shape[1] != 1:
             raise UsageError(f"A compensator follows one output; --y names {recording.y.shape[1]}.")
         compensator.fit(recording.u, recording.y.iloc[:, 0], recording.sessions)
-        label, dt = recording.u.columns[0], recording.dt
+        label, dt, y = recording.u.columns[0], recording.dt, recording.y.iloc[:, 0]
+        reach = y.min(), y.mean(), y.max()
     columns, reference, notes = _read_reference(options, compensator.law_.others, dt)
     done = compensator.compensate(reference, options.start)
-    if options.start is None and options.record is None and compensator.law_.keeps_rest:
-        notes += _first_input(compensator, columns, float(done.m[0]))
+    if options.start is None and compensator.law_.keeps_rest:
+        known = options.record is not None or compensator.model_.inputs[0] in compensator.model_.recorded
+        told = _tell_start(reference.iloc[0, 0], float(done.m[0]), reach if known else None)
+        notes += told if options.record is None else []
     counts = done.counts
     if counts.no_solution == counts.samples:
         raise DataError(
@@ -81,13 +84,14 @@ def run(options) -> None:
     write_columns(options.output, {**columns, label: done.m})
 
 
-def _first_input(compensator, columns, first: float) -> list[str]:
-    """Return a note on an input that begins as recorded; warn where no record tells which input that is."""
-    model, label = compensator.model_, list(columns)[-1]
+def _tell_start(r: float, first: float, recorded) -> list[str]:
+    """Return a note on the first input of a law that can rest anywhere; warn where no record tells of it.
+
+    ``recorded`` is least, mean and largest output of the record, None where that is not known.
+    """
     words = "The model can rest at any input, and --start tells none; the first one is"
     way = "Pass --start with the input at which the machine is held."
-    r, recorded = columns[label][0], model.recorded.get(model.outputs[0])
-    if recorded is None or model.inputs[0] not in model.recorded:
+    if recorded is None:
         warnings.warn(
             f"{words} {first:g}, the number of the first reference, though that is of the output: the output "
             f"will be off by a constant that is not known. {way} Or identify the model anew: what `identify "
