@@ -102,14 +102,45 @@ def test_iso_time_stamps_give_the_period(tmp_path):
         ["31/01/2026 23:59:50", "31/01/2026 23:59:55", "01/02/2026 00:00:00", "01/02/2026 00:00:05"],
         ["2026/01/31 23:59:50", "2026/01/31 23:59:55", "2026/02/01 00:00:00", "2026/02/01 00:00:05"],
         ["23:59:50", "23:59:55", "0:00:00", "0:00:05"],
+        ["23:59:50,000", "23:59:55,000", "0:00:00,000", "0:00:05,000"],
+        ["59:50.000", "59:55.000", "00:00.000", "00:05.000"],
+        ["59:50,0", "59:55,0", "1:00:00,0", "1:00:05,0"],
+        ["59:50.0", "59:55.0", "60:00.0", "60:05.0"],
     ],
-    ids=["points", "month first", "day first", "year first", "clock"],
+    ids=["points", "month first", "day first", "year first", "clock", "parts", "wraps", "hours", "minutes"],
 )
 def test_stamps_of_many_lands_give_the_period_over_midnight(tmp_path, stamps):
     rows = "\n".join(f"{stamp};{k},5" for k, stamp in enumerate(stamps))
     sampled = sample_evenly(read_table(written(tmp_path, "when;u\n" + rows)))
     assert sampled.dt == pytest.approx(5.0)
     assert len(set(sampled.sessions)) == 1
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_minutes_and_seconds_with_a_fraction_give_the_period(tmp_path, mark):
+    rows = "\n".join(f"00:00{mark}{10 * k:03d};{k}" for k in range(5))
+    sampled = sample_evenly(read_table(written(tmp_path, "time [s];u\n" + rows)))
+    assert sampled.dt == pytest.approx(0.01)
+    assert any(f"'00:00{mark}000' in column 'time [s]' are read as minutes" in n for n in sampled.notes)
+
+
+def test_two_numbers_and_a_colon_are_told_to_be_hours_and_minutes(tmp_path):
+    sampled = sample_evenly(read_table(written(tmp_path, "time,u\n00:00,1\n00:01,2\n00:02,4\n")))
+    assert sampled.dt == pytest.approx(60.0)
+    assert "Times such as '00:00' in column 'time' are read as hours and minutes." in sampled.notes
+
+
+@pytest.mark.parametrize("asked", [None, "time"])
+def test_words_are_no_time(tmp_path, asked):
+    table = read_table(written(tmp_path, "time [s],u\n0h00m00,1\n0h00m01,2\n0h00m02,4\n"))
+    with pytest.raises(DataError, match=r"'time \[s\]' of .* words such as '0h00m00'.*01:02\.5.*--dt"):
+        sample_evenly(table, time=asked)
+    assert sample_evenly(table, dt=0.1).dt == 0.1
+
+
+def test_numbers_tell_the_time_before_words_do(tmp_path):
+    table = read_table(written(tmp_path, "date,t [s],u\nmonday,0,1\nmonday,0.5,2\nmonday,1,4\n"))
+    assert sample_evenly(table).dt == pytest.approx(0.5)
 
 
 def test_of_a_date_and_a_clock_in_two_columns_the_clock_gives_the_period(tmp_path):

@@ -72,7 +72,8 @@ def sample_evenly(
     UsageError
         If an option names no column, or resampling was asked for where nothing tells the time.
     DataError
-        If time is missing in places, runs backwards, or is uneven and no resampling was asked for.
+        If time is in words or missing in places, runs backwards, or is uneven and no resampling was asked
+        for.
     """
     column = _time_column(table, time)
     label = None if session is None else find_column(list(map(str, table.frame)), session, "--session")
@@ -141,13 +142,18 @@ def _time_column(table: Table, asked: str | None) -> str | None:
         return find_column(labels, asked, "--time")
     if table.stamped:  # a date and a clock in columns of their own: the clock has more to say
         return max(table.stamped, key=lambda label: (table.frame[label].nunique(), label))
-    for label in labels:
-        if split_unit(label)[0].strip().lower() in TIME_NAMES:
-            return label
-    return None
+    named = [label for label in labels if split_unit(label)[0].strip().lower() in TIME_NAMES]
+    return min(named, key=lambda label: label in table.words, default=None)  # numbers before words
 
 
 def _in_seconds(table: Table, column: str) -> tuple[np.ndarray, list[str]]:
+    if column in table.words:
+        raise DataError(
+            f"Column {column!r} of {table.source} holds words such as {table.words[column]!r}, which cannot "
+            "be read as times. Wanted are numbers, or times written like 00:01:02.5, 01:02.5 or "
+            "2025-01-31T12:00:00.5. Rewrite them, name another column with --time, or pass the sampling "
+            "period with --dt."
+        )
     t = table.frame[column].to_numpy()
     lost = np.flatnonzero(~np.isfinite(t))
     if lost.size:

@@ -14,7 +14,7 @@ import pandas as pd
 from narx_sklearn.cli._errors import DataError
 from narx_sklearn.cli._files import read_bytes
 from narx_sklearn.cli._layout import COMMENT, MISSING, Layout, guess_layout
-from narx_sklearn.cli._stamps import is_stamp, stamp_seconds
+from narx_sklearn.cli._stamps import is_stamp, reading, stamp_seconds
 
 BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 SPOKEN = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", r"\s+": "blanks"}
@@ -151,6 +151,11 @@ def _table(columns: dict[str, pd.Series], decimal: str, blame, notes: list[str],
         f"Column {name!r} holds words such as {word!r}; it can tell sessions apart, no more."
         for name, word in words.items()
     ]
+    notes += [
+        f"Times such as {column.clock[0]!r} in column {name!r} are read as {column.clock[1]}."
+        for name, column in read.items()
+        if column.clock is not None
+    ]
     return Table(
         pd.DataFrame({name: column.numbers for name, column in read.items()}),
         frozenset(name for name, column in read.items() if column.is_stamp),
@@ -166,6 +171,7 @@ class Column(NamedTuple):
     numbers: np.ndarray
     is_stamp: bool = False
     word: str | None = None  # the first, where there are only words
+    clock: tuple[str, str] | None = None  # the first stamp and its reading, where it may have another one
 
 
 def _numbers(values: pd.Series, decimal: str, blame) -> Column:
@@ -180,7 +186,9 @@ def _numbers(values: pd.Series, decimal: str, blame) -> Column:
     if (stamps | missing).all() and stamps.any():
         seconds = stamp_seconds(cells.mask(missing))
         _check_cells(seconds, missing, cells, blame)
-        return Column(seconds, is_stamp=True)
+        told = reading(cells.mask(missing))
+        clock = None if told is None else (str(cells[~missing].iloc[0]), told)
+        return Column(seconds, is_stamp=True, clock=clock)
     plain = cells.str.replace(",", ".") if decimal == "," else cells
     numbers = pd.to_numeric(plain, errors="coerce")
     if numbers.isna().all() and not stamps.any() and not missing.all():
