@@ -114,6 +114,15 @@ def test_help_waits_for_no_numerics():
 # -- wrong use and unusable data ---------------------------------------------------------------------------
 
 
+def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_path, capsys):
+    record = pd.read_csv(bench / "bench.csv")
+    record["time [s]"] *= 1000
+    record.to_csv(tmp_path / "ms.csv", index=False)
+    assert main(["diagnose", str(tmp_path / "ms.csv"), "--model", str(bench / "servo.py")]) == 1
+    told = capsys.readouterr().err
+    assert "is column 'time [s]' in ms? Then label it 'time [ms]'. Else give the simulator dt=10.\n" in told
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -172,6 +181,14 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (
+            ["diagnose", "{bench}", "--model", "{servo}", "--dt", "10"],
+            "That is 1000 times as much: is --dt in ms? It is wanted in s: pass --dt 0.01. Else give",
+        ),
+        (
+            ["diagnose", "{bench}", "--model", "{servo}", "--resample", "0.001"],
+            "simulator 0.01 s. Give the simulator dt=0.001, or pass --resample 0.01.",
+        ),
         (["diagnose", "absent.csv"], "Cannot read absent.csv: No such file"),
         (["diagnose", "{bench}", "--model", "absent.py"], "Cannot read the model absent.py"),
         (

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from narx_sklearn.cli._columns import asked_columns
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._sampling import find_column, sample_evenly
+from narx_sklearn.cli._sampling import find_column, other_unit, sample_evenly
 from narx_sklearn.cli._tables import read_table
+from narx_sklearn.exceptions import ExcitationWarning
 
 U, Y = [0.5, -1.25, 2.0, 3.5], [1.0, 2.0, 3.25, 4.0]
 TIMES = [0.0, 0.5, 1.0, 1.5]
@@ -149,7 +150,7 @@ def test_of_a_date_and_a_clock_in_two_columns_the_clock_gives_the_period(tmp_pat
     assert sampled.dt == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("unit", "seconds"), [("s", 0.5), ("ms", 0.5e-3), ("min", 30.0)])
+@pytest.mark.parametrize(("unit", "seconds"), [("s", 0.5), ("ms", 0.5e-3), ("min", 30.0), ("d", 43200.0)])
 def test_time_counts_in_the_unit_of_its_header(tmp_path, unit, seconds):
     text = record(",", ".", header=f"time [{unit}]{{0}}u{{0}}y\n")
     assert sample_evenly(read_table(written(tmp_path, text))).dt == pytest.approx(seconds, rel=1e-12)
@@ -171,6 +172,37 @@ def test_uneven_sampling_is_refused_with_a_way_out_and_resampled_on_demand(tmp_p
     np.testing.assert_allclose(sampled.frame["drive [V]"][:3], [0.5, -0.375, -1.25])  # half way, by hand
     assert sampled.dt == 0.25
     assert len(sampled.frame) == 7
+
+
+def test_a_grid_much_finer_than_the_samples_is_warned_of_and_a_far_finer_one_refused(tmp_path):
+    table = read_table(written(tmp_path, record(",", ".", header="t{0}u{0}y\n", times=[0, 500, 1000, 1500])))
+    with pytest.warns(ExcitationWarning, match=r"5 s makes 300 samples of the 4 .* Pass --resample 500 or"):
+        assert len(sample_evenly(table, resample=5.0).frame) == 301
+    told = r"makes 3000 samples of the 4 in .*, which are 500 s apart; .* is column 't' in ms\? .*Else pass"
+    with pytest.raises(DataError, match=told):
+        sample_evenly(table, resample=0.5)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "column", "told"),
+    [
+        (10.0, "t", "1000 times as much: is column 't' in ms? Then label it 't [ms]'. "),
+        (10.0, "t [s]", "1000 times as much: is column 't [s]' in ms? Then label it 't [ms]'. "),
+        (1e4, "t", "1e+06 times as much: is column 't' in us?"),
+        (1e-5, "t [ms]", "a 1000th: is column 't [ms]' in s?"),
+        (0.01 / 60, "t", "a 60th: is column 't' in min?"),
+        (0.01 / 3600, "t", "a 3600th: is column 't' in h?"),
+        (0.01 / 86400, "t", "a 86400th: is column 't' in d?"),
+        (10.0, None, "1000 times as much: is --dt in ms? It is wanted in s: pass --dt 0.01. "),
+    ],
+)
+def test_periods_that_differ_by_a_unit_are_asked_about(recorded, column, told):
+    assert told in other_unit(recorded, 0.01, column)
+
+
+@pytest.mark.parametrize("recorded", [0.01, 0.02, 0.1, 7.0])
+def test_periods_that_differ_by_no_unit_are_not(recorded):
+    assert other_unit(recorded, 0.01, "t") == ""
 
 
 def test_time_may_begin_anew_in_every_session(tmp_path):

@@ -31,6 +31,8 @@ class Recording(NamedTuple):
         One number a sample.
     notes : tuple of str
         What was guessed or seen on reading.
+    time : str or None
+        Label of the column of numbers that told the time; None where an option or time stamps did.
     """
 
     u: pd.DataFrame
@@ -39,6 +41,7 @@ class Recording(NamedTuple):
     dt: float | None
     sessions: np.ndarray
     notes: tuple[str, ...]
+    time: str | None = None
 
 
 def read_recording(source: str, options, *, simulated: bool = False, inputs=(), outputs=()) -> Recording:
@@ -73,7 +76,7 @@ def read_recording(source: str, options, *, simulated: bool = False, inputs=(), 
         notes.append(
             f"{missing} of {len(chosen)} samples lack a value; they are left out, nothing is filled in."
         )
-    return Recording(u, y, y_sim, sampled.dt, sampled.sessions, tuple(notes))
+    return Recording(u, y, y_sim, sampled.dt, sampled.sessions, tuple(notes), sampled.time)
 
 
 def choose_columns(table: Table, frame: pd.DataFrame, options, simulated: bool, inputs=(), outputs=()):

@@ -10,7 +10,7 @@ from narx_sklearn.cli._columns import Recording, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
-from narx_sklearn.cli._sampling import same_period
+from narx_sklearn.cli._sampling import MANY, other_unit, same_period
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.discrepancy import DiscrepancyRegressor, TraceSimulator
 from narx_sklearn.discrepancy.settings import STAGES
@@ -34,7 +34,7 @@ def run(options) -> None:
         outputs=[] if model is None else [signal.name for signal in model.outputs],
     )
     tell_notes(recording.notes, options.quiet)
-    simulator = _trace(recording) if model is None else _checked(model, recording)
+    simulator = _trace(recording) if model is None else _checked(model, recording, options)
     dx = DiscrepancyRegressor(
         simulator,
         effects=_codes(options.effects) or "catalogue",
@@ -128,10 +128,18 @@ def check_trace(y_sim: pd.DataFrame, y: pd.DataFrame) -> None:
             )
 
 
-def _checked(simulator, recording: Recording):
-    if not same_period(recording.dt, simulator.dt):
-        raise DataError(
-            f"The record is sampled every {recording.dt:.6g} s, the simulator {simulator.dt:.6g} s. Give "
-            f"the simulator dt={recording.dt:.6g}, or pass --resample {simulator.dt:.6g}."
-        )
-    return simulator
+def _checked(simulator, recording: Recording, options):
+    """Return the simulator, or raise where its period is not that of the record."""
+    dt = simulator.dt
+    if recording.dt is None or same_period(recording.dt, dt):
+        return simulator
+    unit = ""  # time stamps have theirs, and so has a grid that was asked for
+    if options.resample is None and (recording.time is not None or options.dt is not None):
+        unit = other_unit(recording.dt, dt, recording.time)
+    # a grid of --resample may be as fine as its samples allow, not finer
+    finer = recording.dt > MANY * dt
+    raise DataError(
+        f"The record is sampled every {recording.dt:.6g} s, the simulator {dt:.6g} s. {unit}"
+        f"{'Else give' if unit else 'Give'} the simulator dt={recording.dt:.6g}"
+        + ("." if finer else f", or pass --resample {dt:.6g}.")
+    )

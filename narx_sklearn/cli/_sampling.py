@@ -1,6 +1,7 @@
 """The sampling period of a table: from its time column or an option; gaps, jitter and uneven steps."""
 
 import math
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -9,11 +10,14 @@ import pandas as pd
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._tables import Table
+from narx_sklearn.exceptions import ExcitationWarning
 
 TIME_NAMES = frozenset(
     {"time", "t", "timestamp", "time_s", "datetime", "date", "zeit", "temps", "tempo", "tiempo"}
 )
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS |= {"d": 86400.0, "days": 86400.0}  # as spreadsheets count
+MANY, TOO_MANY = 2, 100  # times the recorded samples, from which resampling is warned of, and refused
 UNEVEN = 0.1  # of a period, beyond which a step is neither one period nor a whole number of them
 JITTER = 0.01  # of a period, from which it is worth a note
 SAME_PERIOD = 0.01  # relative difference up to which two sampling periods are one
@@ -32,12 +36,15 @@ class Sampled(NamedTuple):
         One number a sample; a gap in time begins another session.
     notes : tuple of str
         What was seen, in sentences.
+    time : str or None
+        Label of the column of numbers that told the time; None where an option or time stamps did.
     """
 
     frame: pd.DataFrame
     dt: float | None
     sessions: np.ndarray
     notes: tuple[str, ...]
+    time: str | None = None
 
 
 def sample_evenly(
@@ -73,7 +80,12 @@ def sample_evenly(
         If an option names no column, or resampling was asked for where nothing tells the time.
     DataError
         If time is in words or missing in places, runs backwards, or is uneven and no resampling was asked
-        for.
+        for, or if resampling makes more than a hundred samples of each.
+
+    Warns
+    -----
+    ExcitationWarning
+        If resampling makes more than two samples of each.
     """
     column = _time_column(table, time)
     label = None if session is None else find_column(list(map(str, table.frame)), session, "--session")
@@ -93,10 +105,12 @@ def sample_evenly(
         )
     _check_forward(t, same, column, table.source)
     period = resample or float(np.median(steps[same]))
+    clock = None if column in table.stamped else column
     if resample is not None:
+        _check_growth(t, same, period, clock, table.source)
         frame, sessions = _resampled(frame, t, same, period)
         notes.append(f"Resampled onto a grid of {period:.6g} s: {len(frame)} samples.")
-        return Sampled(frame, period, sessions, tuple(notes))
+        return Sampled(frame, period, sessions, tuple(notes), clock)
     whole = np.maximum(np.round(steps / period), 1)
     off = np.where(same, np.abs(steps / period - whole), 0.0)
     if off.max() > UNEVEN:
@@ -116,7 +130,42 @@ def sample_evenly(
             f"{(whole[gaps].max() - 1) * period:.4g} s; nothing reaches across."
         )
     notes.append(f"Sampling period {period:.6g} s, from column {column!r}.")
-    return Sampled(frame, period, _numbered(~same | gaps), tuple(notes))
+    return Sampled(frame, period, _numbered(~same | gaps), tuple(notes), clock)
+
+
+def other_unit(recorded: float, wanted: float, column: str | None) -> str:
+    """Ask whether time was counted in another unit, where two periods differ by the ratio of two units.
+
+    Parameters
+    ----------
+    recorded, wanted : float
+        Period of the record as it was read, and the one expected, s.
+    column : str or None
+        Label of the column that told the time; None where ``--dt`` did.
+
+    Returns
+    -------
+    str
+        A question and what to do, with a blank behind; empty where no unit makes the two alike.
+
+    Examples
+    --------
+    >>> from narx_sklearn.cli._sampling import other_unit
+    >>> other_unit(10.0, 0.01, "time")
+    "That is 1000 times as much: is column 'time' in ms? Then label it 'time [ms]'. "
+    >>> other_unit(0.02, 0.01, "time")
+    ''
+    """
+    name, told = ("", None) if column is None else split_unit(column)
+    ratio = recorded / wanted
+    meant = SECONDS[told or "s"] / ratio
+    unit = next((unit for unit, size in SECONDS.items() if abs(meant / size - 1) < SAME_PERIOD), None)
+    if unit is None or abs(ratio - 1) < SAME_PERIOD:
+        return ""
+    times = f"{ratio:.4g} times as much" if ratio > 1 else f"a {1 / ratio:.5g}th"
+    if column is None:
+        return f"That is {times}: is --dt in {unit}? It is wanted in s: pass --dt {wanted:.6g}. "
+    return f"That is {times}: is column {column!r} in {unit}? Then label it '{name.strip()} [{unit}]'. "
 
 
 def _same_session(table: Table, label: str) -> np.ndarray:
@@ -185,12 +234,36 @@ def _check_forward(t: np.ndarray, same: np.ndarray, column: str, source: str) ->
         )
 
 
+def _longest(t: np.ndarray, same: np.ndarray, period: float) -> float:
+    """Return the longest step that resampling interpolates across."""
+    return 5 * max(float(np.median(np.diff(t)[same])), period)
+
+
+def _check_growth(t: np.ndarray, same: np.ndarray, period: float, column: str | None, source: str) -> None:
+    """Raise or warn where a grid is so fine that most of its samples only repeat what lies between others."""
+    steps = np.diff(t)[same]
+    within = steps[steps <= _longest(t, same, period)]
+    made, median = int(within.sum() / period), float(np.median(steps))
+    if made <= MANY * t.size:
+        return
+    told = (
+        f"A grid of {period:.6g} s makes {made} samples of the {t.size} in {source}, which are "
+        f"{median:.6g} s apart; what is interpolated tells nothing new. "
+    )
+    unit = "" if column is None else other_unit(median, period, column)
+    way = f"{unit}{'Else pass' if unit else 'Pass'} --resample {median:.6g} or more, and give a simulator dt "
+    way += "as much."
+    if made > TOO_MANY * t.size:
+        raise DataError(told + way)
+    warnings.warn(told + way, ExcitationWarning, stacklevel=3)
+
+
 def _resampled(
     frame: pd.DataFrame, t: np.ndarray, same: np.ndarray, period: float
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """Interpolate linearly between long gaps; a missing value makes its neighbours so."""
     steps = np.diff(t)
-    longest = 5 * max(float(np.median(steps[same])), period)
+    longest = _longest(t, same, period)
     parts, sessions = [], []
     pieces = session_slices(_numbered(~same | (steps > longest)), t.size)
     for number, piece in enumerate(pieces):
