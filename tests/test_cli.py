@@ -144,6 +144,10 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
         ),
         (["diagnose", "{bench}", "--report", "-"], "--report needs a file name"),
         (["diagnose", "{bench}", "--u=drive", "--y=drive", "--y-sim=position"], "was taken for --u and --y;"),
+        (
+            ["diagnose", "{bench}", "--quiet", "b.csv"],
+            "unrecognized arguments: b.csv; several record",
+        ),
         (["diagnose", "{bench}", "--seed", "-1"], "'-1' is not a whole number from 0"),
         (["diagnose", "{bench}", "--jobs", "0"], "'0' is no number of threads"),
         (["compensate", "{bench}"], "Give either --model"),
@@ -732,6 +736,64 @@ def test_diagnose_names_the_friction_from_a_model_file(bench, tmp_path, capsys):
     assert low - 0.1 < 1.6 < high + 0.1
     assert content["settings"]["random_state"] == 0
     assert {row["parameter"] for row in content["parameters"]} == {name.split(" [")[0] for name in DATA_SHEET}
+
+
+def test_several_recordings_are_diagnosed_as_sessions(bench, tmp_path, capsys):
+    record = pd.read_csv(bench / "bench.csv")
+    parts = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    record[:1250].to_csv(parts[0], index=False)
+    record[1250:].to_csv(parts[1], index=False)
+    together = tmp_path / "both.csv"
+    record.assign(run=(np.arange(len(record)) >= 1250).astype(int)).to_csv(together, index=False)
+    model = f"{bench / 'servo.py'}:simulator"
+    said = []
+    for arguments in (list(map(str, parts)), [str(together), "--session", "run", "--u", "drive"]):
+        assert main(["diagnose", *arguments, "--model", model, FEW, "--json", "-"]) == 0
+        said.append(capsys.readouterr())
+    assert json.loads(said[0].out) == json.loads(said[1].out)
+    assert f"2 recordings, each another session: {parts[0]}, {parts[1]}." in said[0].err
+    assert said[0].err.count("Sampling period 0.01 s") == 1  # what is so of all is said once
+
+
+def test_nothing_reaches_from_one_recording_into_the_next(tmp_path, capsys):
+    record = first_order(400)
+    for name, part in (("a", record[:200]), ("b", record[200:])):
+        part[["y", "u"] if name == "b" else ["u", "y"]].to_csv(tmp_path / f"{name}.csv", index=False)
+    record.assign(run=np.repeat([0, 1], 200)).to_csv(tmp_path / "both.csv", index=False)
+    lags = ["--output-lags=1", "--input-lags=1", "--degree=1", "--dt=0.1", "--save", "-", "--quiet"]
+    models = []
+    for files in (["a.csv", "b.csv"], ["both.csv", "--session", "run"]):
+        assert main(["identify", *(str(tmp_path / f) if "." in f else f for f in files), *lags]) == 0
+        models.append(capsys.readouterr().out)
+    assert models[0] == models[1]
+
+
+@pytest.mark.parametrize(
+    ("other", "code", "message"),
+    [
+        ("u [A],y\n1,2\n3,4\n", 1, "Column 'u' is in 'A' in b.csv and in 'V' in a.csv; recordings that"),
+        ("u,y\n1,2\n3,4\n", 1, "Column 'u' is without a unit in b.csv and in 'V' in a.csv;"),
+        ("u [V],y_2\n1,2\n3,4\n", 1, "For --y, b.csv has 'y_2', and a.csv has 'y'; recordings that are"),
+        ("t,u [V],y\n0,1,2\n1,3,4\n", 1, "a.csv does not tell the time as b.csv does. Add a time column"),
+        (None, 2, "a.csv is named twice; a recording counts once."),
+    ],
+)
+def test_recordings_that_do_not_go_together_are_told(tmp_path, monkeypatch, capsys, other, code, message):
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("u [V],y\n1,2\n3,5\n")
+    Path("b.csv").write_text(other or "")
+    assert main(["identify", "a.csv", "a.csv" if other is None else "b.csv"]) == code
+    assert message in capsys.readouterr().err
+
+
+def test_recordings_of_two_periods_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, period in (("a.csv", 0.1), ("b.csv", 0.2)):
+        first_order(30).assign(t=period * np.arange(30)).to_csv(name, index=False)
+    assert main(["identify", "a.csv", "b.csv"]) == 1
+    told = capsys.readouterr().err
+    assert "b.csv is sampled every 0.2 s, a.csv every 0.1 s; " in told
+    assert "Pass --resample 0.2, or mend the unit" in told
 
 
 def test_diagnose_takes_a_simulated_trace_with_semicolons_and_decimal_commas(bench, capsys, monkeypatch):

@@ -1,6 +1,9 @@
 """Which columns of a table are inputs, outputs and simulated outputs."""
 
+import math
 import re
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +11,7 @@ import pandas as pd
 
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._sampling import find_column, sample_evenly
+from narx_sklearn.cli._sampling import SAME_PERIOD, find_column, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
@@ -77,6 +80,111 @@ def read_recording(source: str, options, *, simulated: bool = False, inputs=(), 
             f"{missing} of {len(chosen)} samples lack a value; they are left out, nothing is filled in."
         )
     return Recording(u, y, y_sim, sampled.dt, sampled.sessions, tuple(notes), sampled.time)
+
+
+def read_recordings(
+    sources: Sequence[str], options, *, simulated: bool = False, inputs=(), outputs=()
+) -> Recording:
+    """Read recordings of one machine, each another session, as one.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        Files; one of them may be ``-``.
+    options, simulated, inputs, outputs
+        As in ``read_recording``.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    UsageError
+        If a source is named twice.
+    DataError
+        If the recordings differ in their columns, units or sampling periods.
+    """
+    twice = [source for source, count in Counter(sources).items() if count > 1]
+    if twice:
+        raise UsageError(
+            f"{'Standard input' if twice[0] == '-' else twice[0]} is named twice; a recording counts once."
+        )
+    read = [
+        read_recording(source, options, simulated=simulated, inputs=inputs, outputs=outputs)
+        for source in sources
+    ]
+    if len(read) == 1:
+        return read[0]
+    called = ["standard input" if source == "-" else source for source in sources]
+    first = read[0]
+    for source, other in zip(called[1:], read[1:], strict=True):
+        for what in ("u", "y") + ("y_sim",) * simulated:
+            ours, theirs = (list(getattr(recording, what)) for recording in (first, other))
+            _check_same_columns(ours, theirs, f"--{what.replace('_', '-')}", called[0], source)
+        _check_same_period(first.dt, other.dt, called[0], source)
+    lengths = [len(recording.u) for recording in read]
+    offsets = np.cumsum([0] + [recording.sessions[-1] + 1 for recording in read[:-1]])
+    periods = [recording.dt for recording in read if recording.dt is not None]
+    return Recording(
+        _joined([recording.u for recording in read]),
+        _joined([recording.y for recording in read]),
+        _joined([r.y_sim for r in read if r.y_sim is not None]) if simulated else None,
+        float(np.average(periods, weights=lengths)) if periods else None,
+        np.concatenate([r.sessions + offset for r, offset in zip(read, offsets, strict=True)]),
+        _notes_together([recording.notes for recording in read], called),
+        first.time,
+    )
+
+
+def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """Return tables of the same columns below each other, in the first one's order."""
+    return pd.concat([table[list(tables[0])] for table in tables], ignore_index=True)
+
+
+def _notes_together(notes: list[tuple[str, ...]], called: list[str]) -> tuple[str, ...]:
+    """Return what was noted of several files: what was of all is said once, the rest with the file."""
+    told = [f"{len(called)} recordings, each another session: {', '.join(called)}."]
+    told += [note for note in notes[0] if all(note in of_one for of_one in notes)]
+    for source, of_one in zip(called, notes, strict=True):
+        told += [f"{source}: {note}" for note in of_one if note not in told]
+    return tuple(told)
+
+
+def _check_same_columns(ours: list[str], theirs: list[str], option: str, first: str, source: str) -> None:
+    """Raise unless two recordings have the same columns for a part to play, in whatever order."""
+    if sorted(ours) == sorted(theirs):
+        return
+    units = dict(map(split_unit, theirs))
+    for name, unit in map(split_unit, ours):
+        if name in units and units[name] != unit:
+            here, there = (f"in {u!r}" if u else "without a unit" for u in (units[name], unit))
+            raise DataError(
+                f"Column {name!r} is {here} in {source} and {there} in {first}; recordings that are taken "
+                "together want one unit, said alike. Convert one of them, or mend its header."
+            )
+    raise DataError(
+        f"For {option}, {source} has {', '.join(map(repr, theirs))}, and {first} has "
+        f"{', '.join(map(repr, ours))}; recordings that are taken together want the same columns. Name those "
+        f"that they share with {option}, or rename them."
+    )
+
+
+def _check_same_period(ours: float | None, theirs: float | None, first: str, source: str) -> None:
+    if ours is None and theirs is None:
+        return
+    if ours is None or theirs is None:
+        without, told = (first, source) if ours is None else (source, first)
+        raise DataError(
+            f"{without} does not tell the time as {told} does. Add a time column to it, or pass the sampling "
+            "period of both with --dt."
+        )
+    if not math.isclose(ours, theirs, rel_tol=SAME_PERIOD):
+        raise DataError(
+            f"{source} is sampled every {theirs:.6g} s, {first} every {ours:.6g} s; recordings that are "
+            f"taken together want one period. Pass --resample {max(ours, theirs):.6g}, or mend the unit in "
+            "which a time column counts."
+        )
 
 
 def choose_columns(table: Table, frame: pd.DataFrame, options, simulated: bool, inputs=(), outputs=()):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._progress import progress
-from narx_sklearn.cli._columns import Recording, read_recording
+from narx_sklearn.cli._columns import Recording, read_recordings
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
@@ -26,8 +26,8 @@ def run(options) -> None:
     model = load_simulator(options.model) if options.model else None
     if model is not None and options.y_sim:
         raise UsageError("Give --model or --y-sim, not both: one simulation is diagnosed.")
-    recording = read_recording(
-        options.record,
+    recording = read_recordings(
+        options.records,
         options,
         simulated=model is None,
         inputs=[] if model is None else [signal.name for signal in model.inputs],
@@ -47,7 +47,7 @@ def run(options) -> None:
         random_state=options.seed,
         n_jobs=options.jobs,
     )
-    source = "standard input" if options.record == "-" else options.record
+    source = ", ".join("standard input" if record == "-" else record for record in options.records)
     tell_diagnosis(dx, recording, options, title="Diagnosis", source=source)
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 from narx_sklearn._progress import progress
 from narx_sklearn._validation import signal_names
 from narx_sklearn.analysis import residual_tests
-from narx_sklearn.cli._columns import Recording, last_part, read_recording
+from narx_sklearn.cli._columns import Recording, last_part, read_recordings
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import say, tell_notes, write_json
@@ -30,7 +30,7 @@ def run(options) -> None:
         raise UsageError("--save and --json cannot both go to standard output.")
     if not 0 <= options.test_fraction < 0.9:
         raise UsageError(f"--test-fraction must lie in [0, 0.9), got {options.test_fraction:g}.")
-    recording = read_recording(options.record, options)
+    recording = read_recordings(options.records, options)
     tell_notes(recording.notes, options.quiet)
     held_out = last_part(recording.sessions, options.test_fraction)
     if np.sum(~held_out) < FEWEST:

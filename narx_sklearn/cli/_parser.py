@@ -1,6 +1,7 @@
 """What the command line takes. Nothing is imported here that help would have to wait for."""
 
 import argparse
+import re
 from typing import NoReturn
 
 from narx_sklearn import __version__
@@ -10,7 +11,8 @@ RECORD_HELP = """\
 The record is a table (csv, tsv, txt or parquet; - for standard input) with one line for each sample.
 Separator, decimal comma, header, units in brackets and a time column are found out, and what was found is
 told. An empty cell is a missing value, a step in time a gap. Columns called u, y, y_sim or time need no
-option; the others are named, or numbered from 1 as they stand in the file.
+option; the others are named, or numbered from 1 as they stand in the file. Several recordings of one
+machine have the same columns and sampling period; nothing reaches from one into the next.
 """
 
 DIAGNOSE = f"""\
@@ -22,6 +24,7 @@ The simulation comes as a column of simulated outputs, or as a Simulator in a Py
 examples:
   narx-sklearn diagnose bench.csv --u "drive" --y position --y-sim simulated --report bench.html
   narx-sklearn diagnose bench.csv --model servo.py:simulator --report bench.html --json bench.json
+  narx-sklearn diagnose run1.csv run2.csv run3.csv --model servo.py:simulator
   zcat bench.csv.gz | narx-sklearn diagnose - --dt 0.01 --json - | jq .verdict
 """
 
@@ -34,6 +37,7 @@ Without lags and degree they are chosen by cross-validation of the free run.
 examples:
   narx-sklearn identify bench.csv --save model.json
   narx-sklearn identify bench.csv --output-lags 2 --input-lags 3 --degree 3
+  narx-sklearn identify run1.csv run2.csv --y position --save model.json
   narx-sklearn identify piezo.csv --structure rate_independent --save model.json
 """
 
@@ -70,6 +74,8 @@ class _Parser(argparse.ArgumentParser):
     """A parser that says what is wrong in a line, and where all options are told, instead of listing them."""
 
     def error(self, message: str) -> NoReturn:
+        if re.match(r"unrecognized arguments: [^-]", message):  # of which argparse takes one run alone
+            message += "; several recordings stand side by side, before or behind all options"
         self.exit(2, f"{self.prog}: {message}\nTry: {self.prog} --help\n")
 
 
@@ -105,6 +111,16 @@ def _command(commands, name: str, help: str, text: str) -> argparse.ArgumentPars
     return parser
 
 
+def _records(parser) -> None:
+    parser.add_argument(
+        "records",
+        nargs="+",
+        metavar="record",
+        help="table of the recording; several of one machine, side by side, are a session each; - for "
+        "standard input",
+    )
+
+
 def _record_options(parser, *, y_sim: bool = False) -> None:
     group = parser.add_argument_group("columns and time")
     group.add_argument("--u", metavar="NAMES", help="input columns, with commas between")
@@ -127,7 +143,7 @@ def _record_options(parser, *, y_sim: bool = False) -> None:
 
 
 def _diagnose(parser) -> None:
-    parser.add_argument("record", help="table of the recording; - for standard input")
+    _records(parser)
     parser.add_argument(
         "--model", metavar="FILE.py:NAME", help="Simulator in a Python file, or a function that returns it"
     )
@@ -159,7 +175,7 @@ def _diagnose(parser) -> None:
 
 
 def _identify(parser) -> None:
-    parser.add_argument("record", help="table of the recording; - for standard input")
+    _records(parser)
     parser.add_argument(
         "--save", metavar="FILE", help="write the model as JSON, for `compensate`; - for standard output"
     )
