@@ -16,7 +16,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
-from narx_sklearn.exceptions import ExcitationWarning, RankWarning
+from narx_sklearn.exceptions import DivergenceWarning, ExcitationWarning, RankWarning
 from narx_sklearn.identification import procedure
 from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Polynomial, TermLibrary, free_run
 
@@ -646,3 +646,45 @@ def test_large_and_small_units_change_nothing_but_the_units(size):
     plain, other = NARXRegressor().fit(u, y), NARXRegressor().fit(size * u, size * y)
     assert other.terms_ == plain.terms_
     assert other.score(size * u, size * y) == pytest.approx(plain.score(u, y), abs=1e-9)
+
+
+# -- free runs that go off ---------------------------------------------------------------------------------
+
+
+def growing(n_samples):
+    """Return a record of y[k] = 1.05 y[k-1] + u[k-1], of which a long free run goes off and stays finite."""
+    u = np.random.default_rng(0).uniform(-1, 1, n_samples)
+    y = np.zeros(n_samples)
+    for k in range(1, n_samples):
+        y[k] = 1.05 * y[k - 1] + u[k - 1]
+    return u[:, None], y
+
+
+def test_a_free_run_a_thousand_times_beyond_what_was_fitted_is_warned_of():
+    X, y = growing(400)
+    narx = NARXRegressor(1, 1, degree=1, fit_intercept=False, origin="zero").fit(X[:60], y[:60])
+    low, high = narx.output_range_[0]
+    assert (low, high) == (y[:60].min(), y[:60].max())
+    first = int(np.argmax(np.abs(y - (low + high) / 2) > 1000 * (high - low)))  # the model is exact
+    assert first > 60
+    with pytest.warns(DivergenceWarning, match=rf"run of 'y' goes to .* at sample {first}, .* refine=True"):
+        simulated = narx.predict(X, y_init=y)
+    assert np.isfinite(simulated).all()
+    np.testing.assert_allclose(narx.predict(X[:first], y_init=y), y[:first], rtol=1e-6)  # and no warning
+
+
+def test_the_range_of_the_outputs_is_that_of_all_batches():
+    X, y = growing(60)
+    narx = NARXRegressor(1, 1, degree=1, origin="zero", refine=False)
+    for piece in (slice(0, 30), slice(30, 60)):
+        narx.partial_fit(X[piece], y[piece])
+    assert narx.output_range_.tolist() == [[y.min(), y.max()]]
+
+
+def test_of_an_output_that_stood_still_its_size_is_the_measure():
+    y = np.full(50, 2.0)
+    X = np.random.default_rng(0).uniform(-1, 1, (50, 1))
+    with pytest.warns(ExcitationWarning):
+        narx = NARXRegressor(1, 1, degree=1, origin="zero", refine=False).fit(X, y)
+    assert narx.output_range_.tolist() == [[2.0, 2.0]]
+    narx.predict(X)

@@ -25,7 +25,7 @@ from narx_sklearn._validation import (
     signal_names,
     signal_units,
 )
-from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.batches import Batches
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
@@ -79,6 +79,7 @@ SIZES = ("criterion", "free_run")
 GATHERED_SAMPLES = (
     2_000_000  # of files or a cluster, gathered unasked for the free-run refinement: minutes of it
 )
+FAR = 1000  # spans of the fitted outputs from their middle: a free run that gets there is no motion of theirs
 SEARCHED_COST = 2e11  # operations up to which the search on the simulation error uses all candidates
 
 
@@ -186,6 +187,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         With ``constraints="continuum"`` whether Lemma 4.1 holds: sums and eigenvalues at rest.
     refinement_ : FreeRunFit or None
         How the free-run refinement went.
+    output_range_ : ndarray of shape (n_outputs, 2)
+        Smallest and largest value of each output that was fitted.
     sigma_ : ndarray of shape (n_outputs,)
         Standard deviation of the one-step residuals.
     uncertainty_ : list of ParameterUncertainty
@@ -342,6 +345,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
         warn_if_short(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
+        self.output_range_ = _output_range(record)
         self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
         return self
 
@@ -428,6 +432,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self._batches: list[Batches] = batches
         self._keep_end(record)
         self._store(model, selected, None, "equation")
+        self.output_range_ = _output_range(record, None if first else self.output_range_)
         self.uncertainty_ = self._uncertainty(constraints, taken.scores)
         return self
 
@@ -819,9 +824,35 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         -------
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Simulated outputs; the first ``max_lag`` of them are ``y_init``, where given.
+
+        Warns
+        -----
+        DivergenceWarning
+            If an output leaves the finite range, or goes more than a thousand times as far as the outputs
+            that were fitted; says at which sample.
         """
         X = self._inputs(X)
-        return self._shaped(free_run(self.model_, X, y_init, sessions=sessions).y)
+        run = free_run(self.model_, X, y_init, sessions=sessions)
+        if run.stopped_at is None:
+            self._warn_if_far(run.y)
+        return self._shaped(run.y)
+
+    def _warn_if_far(self, y: np.ndarray) -> None:
+        """Warn where a free run goes where nothing that was fitted ever was."""
+        low, high = self.output_range_.T
+        span = np.where(high > low, high - low, np.abs(high))
+        far = (np.abs(y - (low + high) / 2) > FAR * span) & (span > 0)
+        if not far.any():
+            return
+        k, i = (int(index[0]) for index in np.nonzero(far))
+        warnings.warn(
+            f"The free run of {self.model_.outputs[i]!r} goes to {y[k, i]:.3g} at sample {k}, and was fitted "
+            f"on {low[i]:.3g} to {high[i]:.3g}: more than {FAR} times as far. The model is unstable for this "
+            "input or initial condition, or they lie far beyond the record it was fitted on. Fit to the free "
+            "run with refine=True, fit fewer terms with n_terms, or keep to the range of the record.",
+            DivergenceWarning,
+            stacklevel=3,
+        )
 
     def predict_one_step(self, X, y, sessions=None):
         """Predict each output from measured outputs up to the sample before.
@@ -960,3 +991,12 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         return tags
+
+
+def _output_range(record: Record, before: np.ndarray | None = None) -> np.ndarray:
+    """Return the smallest and largest value of each output, in a record and those before it."""
+    moments = record.moments
+    low, high = moments.low[: record.n_outputs], moments.high[: record.n_outputs]
+    if before is not None:
+        low, high = np.minimum(low, before[:, 0]), np.maximum(high, before[:, 1])
+    return np.column_stack([low, high])
