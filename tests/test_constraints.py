@@ -110,6 +110,8 @@ def test_rows_whose_terms_all_left_are_dropped_or_refused():
         ("y[k-1] + y[k-2]", "Cannot read the constraint"),
         ("y[k-1] = u[k-1] = 1", "Cannot read the constraint"),
         ("y[k-3] = 1", r"names y\[k-3\], which is not among the 5 candidate terms"),
+        ("y[k-3] = 1", r"; check lags, degree and fit_intercept\. The candidates are .*y\[k-1\], .*u\[k-1\]"),
+        ("w[k-1] = y[k-1]", r"names w\[k-1\], .* 'w' is none of the signals, which are \['u', 'y'\]\. Sig"),
         ((np.ones((2, 5)), [1.0]), r"S has shape \(2, 5\); for c of 1 values and 5 candidate terms"),
         ((np.ones((1, 4)), [1.0]), r"must be \(1, 5\)"),
     ],
@@ -117,3 +119,8 @@ def test_rows_whose_terms_all_left_are_dropped_or_refused():
 def test_unreadable_constraints_say_what_is_wanted(constraints, message):
     with pytest.raises(ValueError, match=message):
         parse_constraints(constraints, LIBRARY)
+
+
+def test_a_constant_that_is_no_candidate_is_named_as_it_was_written():
+    with pytest.raises(ValueError, match="names constant, which is not among the 1 candidate terms; check"):
+        parse_constraints("constant = 1", TermLibrary(["y[k-1]"]))

@@ -14,6 +14,7 @@ __all__ = ["LinearConstraints", "parse_constraints"]
 
 #: Relative size below which a row of S, or a contradiction between rows, counts as rounding.
 RANK_TOLERANCE = 1e-10
+LISTED = 20  # candidates that a message names
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +189,25 @@ def _parse_one(text: str, library: TermLibrary, intercept: str) -> tuple[np.ndar
             continue
         named = Term() if str(term) == marker else term
         if named not in library:
+            called = str(term) if named.factors else intercept
             raise ValueError(
-                f"The constraint {text!r} names {term}, which is not among the {len(library)} candidate "
-                "terms; check lags, degree and fit_intercept."
+                f"The constraint {text!r} names {called}, which is not among the {len(library)} candidate "
+                f"terms; {_way_to_candidates(named, library)}"
             )
         row[library.index(named)] += value
     return row, -difference[Term()]
+
+
+def _way_to_candidates(term: Term, library: TermLibrary) -> str:
+    """Say how a term that is no candidate may be meant: of other signals, or of other lags and degrees."""
+    unknown, signals = sorted(term.signals - library.signals), sorted(library.signals)
+    if unknown:
+        return (
+            f"{', '.join(map(repr, unknown))} is none of the signals, which are {signals}. Signals of a "
+            "table are named by its columns, without units."
+        )
+    shown = ", ".join(library.names[:LISTED]) + (", ..." if len(library) > LISTED else "")
+    return f"check lags, degree and fit_intercept. The candidates are {shown}."
 
 
 def _independent(S: np.ndarray, c: np.ndarray) -> LinearConstraints:
