@@ -16,7 +16,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
-from narx_sklearn.exceptions import DivergenceWarning, ExcitationWarning, RankWarning
+from narx_sklearn.exceptions import DivergenceWarning, ExcitationWarning, NarxWarning, RankWarning
 from narx_sklearn.identification import procedure
 from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Polynomial, TermLibrary, free_run
 
@@ -671,6 +671,15 @@ def test_a_free_run_a_thousand_times_beyond_what_was_fitted_is_warned_of():
         simulated = narx.predict(X, y_init=y)
     assert np.isfinite(simulated).all()
     np.testing.assert_allclose(narx.predict(X[:first], y_init=y), y[:first], rtol=1e-6)  # and no warning
+
+
+@pytest.mark.parametrize("y_init", [[np.nan], [np.nan, 1.0, 2.0]], ids=["short", "as long as X"])
+def test_initial_outputs_that_are_nan_are_told(record, y_init):
+    u, y = record
+    narx = NARXRegressor(1, 1, degree=1, refine=False).fit(u, y)
+    with pytest.warns(NarxWarning, match=r"y_init lacks a value among the 1 samples .* steady state\."):
+        started = narx.predict(u[:3], y_init=y_init)
+    np.testing.assert_array_equal(started, narx.predict(u[:3]))  # as documented, and without a warning
 
 
 def test_the_range_of_the_outputs_is_that_of_all_batches():

@@ -708,6 +708,15 @@ def test_scales_of_any_size_are_simulated_alike():
         np.testing.assert_allclose(free_run(scaled, scale * X, [0.0]).y, scale * unit, rtol=1e-12)
 
 
+def test_a_single_initial_output_is_taken_where_one_is_all_that_is_needed():
+    model = NARXModel.from_equations("0.5*y[k-1] + u[k-1]")
+    for value in (4.0, np.float64(4.0), np.array(4.0), 4):
+        assert free_run(model, [1.0, 1.0, 0.0], value).y.ravel().tolist() == [4.0, 3.0, 2.5]
+    two = NARXModel.from_equations({"y": "0.5*y[k-1] + u[k-1]", "z": "0.5*z[k-1] + y[k-1]"})
+    with pytest.raises(ValueError, match=r"single value 4\.0, .* at least 2 values, .*np\.full\(\(1, 2\)"):
+        free_run(two, [1.0, 1.0, 0.0], 4.0)
+
+
 def test_what_is_no_signal_is_refused_with_what_is_wanted():
     model = NARXModel.from_equations("0.5*y[k-1] + 0.1*y[k-2] + u[k-1]")
     with pytest.raises(

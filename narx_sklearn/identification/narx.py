@@ -817,7 +817,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             Inputs; NaN marks gaps, after which the simulation starts anew.
         y_init : array-like of shape (n_init,), (n_init, n_outputs) or as long as ``X``, default=None
             Measured outputs, of which the first ``model_.max_lag`` samples (of each session) are the
-            initial condition. None starts from the model's steady state for the first input.
+            initial condition; a single value where that is all. Where they hold NaN, and everywhere with
+            None, the simulation starts from the model's steady state for the first input.
         sessions : array-like of shape (n_samples,), default=None
             One label a sample; where it changes, the simulation starts anew.
 
@@ -831,9 +832,19 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         DivergenceWarning
             If an output leaves the finite range, or goes more than a thousand times as far as the outputs
             that were fitted; says at which sample.
+        NarxWarning
+            If ``y_init`` holds NaN wherever the simulation starts, so that it says nothing.
         """
         X = self._inputs(X)
         run = free_run(self.model_, X, y_init, sessions=sessions)
+        if y_init is not None and run.started_from == "steady state" and np.isfinite(run.y).any():
+            warnings.warn(
+                f"y_init lacks a value among the {self.model_.max_lag} samples from which the simulation "
+                "starts (longest lag of its terms), so it starts from the model's steady state. Pass "
+                "measured outputs without NaN there, or begin where they are known; y_init=None agrees.",
+                NarxWarning,
+                stacklevel=2,
+            )
         if run.stopped_at is None:
             self._warn_if_far(run.y)
         return self._shaped(run.y)

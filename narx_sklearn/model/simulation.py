@@ -127,8 +127,9 @@ def free_run(model: NARXModel, X, y_init=None, *, sessions=None, bound: float = 
         Inputs, in their units. NaN marks gaps; the simulation starts anew after each.
     y_init : array-like of shape (n_init,), (n_init, n_outputs), or as long as ``X``, default=None
         Measured outputs whose first ``max_lag`` samples are the initial condition. As long as ``X``: those
-        of each session. Where they are not given or hold NaN (and everywhere with None) the simulation
-        starts from the model's steady state for the first input.
+        of each session. A single value where the model needs no more: one output, a longest lag of 1. Where
+        they are not given or hold NaN (and everywhere with None) the simulation starts from the model's
+        steady state for the first input; ``started_from`` says so.
     sessions : array-like of shape (n_samples,), default=None
         One label a sample; where it changes, the simulation starts anew.
     bound : float, default=inf
@@ -524,11 +525,14 @@ def _initial_outputs(model: NARXModel, y_init, n_samples: int) -> np.ndarray | N
     if not model.max_lag:
         return np.zeros((n_samples, len(model.outputs)))
     if not hasattr(y_init, "columns") and np.asarray(y_init).ndim == 0:
-        raise ValueError(
-            f"y_init is the single value {y_init!r}, but the model needs the last {model.max_lag} outputs "
-            f"(longest lag of its terms). Pass at least {model.max_lag} values, as with "
-            f"np.full({model.max_lag}, {y_init!r}) where it has been held."
-        )
+        if model.max_lag * len(model.outputs) > 1:
+            shape = model.max_lag if len(model.outputs) == 1 else (model.max_lag, len(model.outputs))
+            raise ValueError(
+                f"y_init is the single value {y_init!r}, but the model needs the last {model.max_lag} "
+                f"outputs (longest lag of its terms). Pass at least {model.max_lag * len(model.outputs)} "
+                f"values, as with np.full({shape}, {y_init!r}) where it has been held."
+            )
+        y_init = np.reshape(y_init, 1)
     initial = _model_outputs(model, y_init, "y_init")
     if initial.shape[0] < model.max_lag:
         raise ValueError(
