@@ -1,6 +1,7 @@
 """Checks at the public edge, and the few scikit-learn names they lean on."""
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
@@ -8,6 +9,8 @@ from numbers import Integral
 
 import numpy as np
 from sklearn.utils.validation import check_array, check_consistent_length
+
+from narx_sklearn.exceptions import NarxWarning
 
 _UNIT = re.compile(r"^\s*(.*?)\s*\[([^\]]*)\]\s*$")
 _NOT_WORD = re.compile(r"\W+")
@@ -217,7 +220,8 @@ def check_indexes(X, y) -> None:
 
     An index that only numbers the rows from 0 says nothing, unless the other has these numbers in
     another order; nor does one that numbers them from elsewhere (as a fold of such a table does) beside
-    labels that are no integers.
+    labels that are no integers. The first rows of a table number theirs from 0 too: beside integers that
+    have none in common with these, as those of later rows, a `NarxWarning` asks.
     """
     ours, theirs = (getattr(data, "index", None) if hasattr(data, "iloc") else None for data in (X, y))
     if ours is None or theirs is None or len(ours) != len(theirs) or _same(ours, theirs):
@@ -225,7 +229,10 @@ def check_indexes(X, y) -> None:
     k = next((i for i, (a, b) in enumerate(zip(ours, theirs, strict=True)) if a != b), None)
     # labels of several kinds cannot be sorted; counted they can be compared
     same_set = Counter(ours) == Counter(theirs)
-    if k is None or (not same_set and (_only_counts(ours, theirs) or _only_counts(theirs, ours))):
+    if k is None:
+        return
+    if not same_set and (_only_counts(ours, theirs) or _only_counts(theirs, ours)):
+        _warn_if_disjoint(ours, theirs)
         return
     first = f"row {k} is {ours[k]} in X and {theirs[k]} in y"
     if same_set:
@@ -238,6 +245,18 @@ def check_indexes(X, y) -> None:
         "them, as with X.join(y, how='inner'), or, if the rows do belong together, pass "
         "y.set_axis(X.index)."
     )
+
+
+def _warn_if_disjoint(ours, theirs) -> None:
+    if all(index.dtype.kind in "iu" for index in (ours, theirs)) and not set(ours) & set(theirs):
+        warnings.warn(
+            f"X has the row labels {ours[0]} to {ours[-1]} and y {theirs[0]} to {theirs[-1]}, none in "
+            "common; rows are paired by position. If they are of other samples, cut both alike, as with "
+            "y.loc[X.index] of the whole y; if they do belong together, pass y.set_axis(X.index), or "
+            "reset_index(drop=True) of both.",
+            NarxWarning,
+            stacklevel=3,
+        )
 
 
 def _same(ours, theirs) -> bool:

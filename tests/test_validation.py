@@ -13,6 +13,7 @@ from narx_sklearn import NARXRegressor, NARXRegressorCV, _validation
 from narx_sklearn._validation import all_finite, blocks, check_indexes, finite_columns, session_slices
 from narx_sklearn.analysis import advise
 from narx_sklearn.compensation import InverseCompensator, PrandtlIshlinskiiCompensator, RootCompensator
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import ErrSelector
 from narx_sklearn.identification.many import by_session, free_run_many
 from narx_sklearn.model import NARXModel, free_run, predict_k_steps, predict_one_step
@@ -102,6 +103,20 @@ def test_rows_of_other_samples_are_refused_wherever_inputs_and_outputs_meet(call
         call(X_FRAME[3:-2], Y_SERIES[5:])
     with pytest.raises(ValueError, match="same row labels in another order"):
         call(X_FRAME, Y_SERIES[::-1])
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_first_rows_of_inputs_beside_later_rows_of_outputs_are_asked_about(swapped):
+    X, y = X_FRAME[:80], Y_SERIES[80:160]
+    if swapped:
+        X, y = X_FRAME[80:160], Y_SERIES[:80]
+    ours, theirs = ("80 to 159", "0 to 79") if swapped else ("0 to 79", "80 to 159")
+    told = rf"labels {ours} and y {theirs}, none in common; .*set_axis\(X\.index"
+    with pytest.warns(NarxWarning, match=told):
+        check_indexes(X, y)
+    check_indexes(X, y.set_axis(X.index))  # each way out ends the warning
+    check_indexes(X.reset_index(drop=True), y.reset_index(drop=True))
+    check_indexes(X.to_numpy(), y)
 
 
 def test_an_index_that_only_counts_is_paired_by_position_in_folds_too():
