@@ -719,6 +719,12 @@ def test_a_reference_that_cannot_be_told_is_asked_for(model, monkeypatch, capsys
     assert "Which column is the reference? Name it with --r; there are a, b" in capsys.readouterr().err
 
 
+def test_a_band_that_was_cut_is_told(capsys):
+    arguments = ["--samples=500", "--dt=0.01", "--min=-1", "--max=1", "--band", "10", "500"]
+    assert main(["excite", "multisine", *arguments]) == 0
+    assert "warning: The band (10, 500) Hz is cut at 50 Hz" in capsys.readouterr().err
+
+
 # -- diagnose ----------------------------------------------------------------------------------------------
 
 

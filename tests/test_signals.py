@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.signals import (
     StepTable,
     describe_signal,
@@ -290,6 +291,14 @@ def test_multisine_stays_in_its_band_edges_included():
 def test_schroeder_phases_have_a_low_crest_factor():
     crest = [np.abs(multisine(2000, 1.0, random_state=s)).max() for s in range(10)]
     assert np.abs(multisine(2000, 1.0, phases="schroeder")).max() < 1.8 < min(crest)
+
+
+def test_a_band_beyond_half_the_sampling_frequency_is_told():
+    told = r"band \(10, 500\) Hz is cut at 50 Hz, .* ends at 49\.8 Hz\. .* sampling period below 0\.001 s"
+    with pytest.warns(NarxWarning, match=told):
+        cut = multisine(500, 0.01, band=(10, 500), random_state=0)
+    for highest in (50, np.inf):  # and no warning
+        np.testing.assert_array_equal(multisine(500, 0.01, band=(10, highest), random_state=0), cut)
 
 
 def test_multisine_refuses_unknown_choices_and_empty_bands():

@@ -1,9 +1,12 @@
 """Multisine: a periodic signal with a flat spectrum on chosen lines."""
 
+import warnings
+
 import numpy as np
 from sklearn.utils import check_random_state
 
 from narx_sklearn._validation import check_choice
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.signals._checks import check_count, check_positive
 
 __all__ = ["multisine"]
@@ -34,7 +37,7 @@ def multisine(
         Sampling period, in seconds.
     band : (float, float) or None, default=None
         Lowest and highest frequency, in Hz, both included; None takes all lines strictly between zero and
-        half the sampling frequency.
+        half the sampling frequency. An infinite highest one ends there too.
     lines : {"full", "odd"}, default="full"
         Excite all lines of the band, or those with an odd number.
     phases : {"random", "schroeder"}, default="random"
@@ -54,6 +57,11 @@ def multisine(
     ------
     ValueError
         If a choice is unknown, or the band holds no line.
+
+    Warns
+    -----
+    NarxWarning
+        If the band reaches beyond half the sampling frequency, where it is cut.
 
     References
     ----------
@@ -85,6 +93,15 @@ def multisine(
         raise ValueError(
             f"No {lines} line lies in the band {band!r} Hz: lines are {spacing:g} Hz apart and end below "
             f"{0.5 / sampling_period:g} Hz. Widen the band or lengthen the period."
+        )
+    nyquist = 0.5 / sampling_period
+    if band is not None and nyquist + slack < highest < np.inf:
+        warnings.warn(
+            f"The band ({lowest:g}, {highest:g}) Hz is cut at {nyquist:g} Hz, half the sampling frequency: "
+            f"the signal ends at {numbers[-1] * spacing:g} Hz. For a wider one pass a sampling period below "
+            f"{0.5 / highest:g} s.",
+            NarxWarning,
+            stacklevel=2,
         )
     order = np.arange(numbers.size)
     if phases == "random":
