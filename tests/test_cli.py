@@ -21,6 +21,7 @@ from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn._progress import progress, write_beside
 from narx_sklearn.analysis import continuum_of_steady_states
 from narx_sklearn.cli import _demo, _excite, main
+from narx_sklearn.cli._columns import read_recordings
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
 from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
@@ -772,6 +773,17 @@ def test_nothing_reaches_from_one_recording_into_the_next(tmp_path, capsys):
         assert main(["identify", *(str(tmp_path / f) if "." in f else f for f in files), *lags]) == 0
         models.append(capsys.readouterr().out)
     assert models[0] == models[1]
+
+
+def test_simulated_outputs_of_several_recordings_are_joined_by_name(tmp_path):
+    (tmp_path / "a.csv").write_text("t,u,y,y_sim\n0,1,2,3\n1,4,5,6\n")
+    (tmp_path / "b.csv").write_text("t,y_sim,y,u\n0,30,20,10\n1,60,50,40\n2,61,51,41\n6,90,80,70\n")
+    files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    read = read_recordings(files, make_parser("p").parse_args(["diagnose", *files]), simulated=True)
+    assert read.u["u"].tolist() == [1, 4, 10, 40, 41, 70]
+    assert read.y_sim["y_sim"].tolist() == [3, 6, 30, 60, 61, 90]
+    assert read.sessions.tolist() == [0, 0, 1, 1, 1, 2]  # a gap begins a session of its own
+    assert any(note.startswith(f"{files[1]}: 1 gap in time") for note in read.notes)
 
 
 @pytest.mark.parametrize(
