@@ -663,7 +663,7 @@ def growing(n_samples):
 def test_a_free_run_a_thousand_times_beyond_what_was_fitted_is_warned_of():
     X, y = growing(400)
     narx = NARXRegressor(1, 1, degree=1, fit_intercept=False, origin="zero").fit(X[:60], y[:60])
-    low, high = narx.output_range_[0]
+    low, _, high = narx.model_.recorded[narx.model_.outputs[0]]
     assert (low, high) == (y[:60].min(), y[:60].max())
     first = int(np.argmax(np.abs(y - (low + high) / 2) > 1000 * (high - low)))  # the model is exact
     assert first > 60
@@ -687,7 +687,8 @@ def test_the_range_of_the_outputs_is_that_of_all_batches():
     narx = NARXRegressor(1, 1, degree=1, origin="zero", refine=False)
     for piece in (slice(0, 30), slice(30, 60)):
         narx.partial_fit(X[piece], y[piece])
-    assert narx.output_range_.tolist() == [[y.min(), y.max()]]
+    low, _, high = narx.model_.recorded[narx.model_.outputs[0]]
+    assert (low, high) == (y.min(), y.max())
 
 
 def test_of_an_output_that_stood_still_its_size_is_the_measure():
@@ -695,5 +696,6 @@ def test_of_an_output_that_stood_still_its_size_is_the_measure():
     X = np.random.default_rng(0).uniform(-1, 1, (50, 1))
     with pytest.warns(ExcitationWarning):
         narx = NARXRegressor(1, 1, degree=1, origin="zero", refine=False).fit(X, y)
-    assert narx.output_range_.tolist() == [[2.0, 2.0]]
+    low, _, high = narx.model_.recorded[narx.model_.outputs[0]]
+    assert low == high == 2.0
     narx.predict(X)

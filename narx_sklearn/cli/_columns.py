@@ -1,6 +1,5 @@
 """Which columns of a table are inputs, outputs and simulated outputs."""
 
-import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ import pandas as pd
 
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._sampling import SAME_PERIOD, find_column, sample_evenly
+from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
@@ -179,7 +178,7 @@ def _check_same_period(ours: float | None, theirs: float | None, first: str, sou
             f"{without} does not tell the time as {told} does. Add a time column to it, or pass the sampling "
             "period of both with --dt."
         )
-    if not math.isclose(ours, theirs, rel_tol=SAME_PERIOD):
+    if not same_period(ours, theirs):
         raise DataError(
             f"{source} is sampled every {theirs:.6g} s, {first} every {ours:.6g} s; recordings that are "
             f"taken together want one period. Pass --resample {max(ours, theirs):.6g}, or mend the unit in "

@@ -79,6 +79,7 @@ SIZES = ("criterion", "free_run")
 GATHERED_SAMPLES = (
     2_000_000  # of files or a cluster, gathered unasked for the free-run refinement: minutes of it
 )
+NOWHERE = (0.0, 0.0, 0.0)  # what is known of a signal's values where nothing was recorded
 FAR = 1000  # spans of the fitted outputs from their middle: a free run that gets there is no motion of theirs
 SEARCHED_COST = 2e11  # operations up to which the search on the simulation error uses all candidates
 
@@ -188,8 +189,6 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         With ``constraints="continuum"`` whether Lemma 4.1 holds: sums and eigenvalues at rest.
     refinement_ : FreeRunFit or None
         How the free-run refinement went.
-    output_range_ : ndarray of shape (n_outputs, 2)
-        Smallest and largest value of each output that was fitted.
     sigma_ : ndarray of shape (n_outputs,)
         Standard deviation of the one-step residuals.
     uncertainty_ : list of ParameterUncertainty
@@ -346,7 +345,6 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
         warn_if_short(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
-        self.output_range_ = _output_range(record)
         self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
         return self
 
@@ -433,7 +431,6 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self._batches: list[Batches] = batches
         self._keep_end(record)
         self._store(model, selected, None, "equation")
-        self.output_range_ = _output_range(record, None if first else self.output_range_)
         self.uncertainty_ = self._uncertainty(constraints, taken.scores)
         return self
 
@@ -851,7 +848,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _warn_if_far(self, y: np.ndarray) -> None:
         """Warn where a free run goes where nothing that was fitted ever was."""
-        low, high = self.output_range_.T
+        recorded = [self.model_.recorded.get(name, NOWHERE) for name in self.model_.outputs]
+        low, _, high = np.transpose(recorded)
         span = np.where(high > low, high - low, np.abs(high))
         far = (np.abs(y - (low + high) / 2) > FAR * span) & (span > 0)
         if not far.any():
@@ -1003,12 +1001,3 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         return tags
-
-
-def _output_range(record: Record, before: np.ndarray | None = None) -> np.ndarray:
-    """Return the smallest and largest value of each output, in a record and those before it."""
-    moments = record.moments
-    low, high = moments.low[: record.n_outputs], moments.high[: record.n_outputs]
-    if before is not None:
-        low, high = np.minimum(low, before[:, 0]), np.maximum(high, before[:, 1])
-    return np.column_stack([low, high])
