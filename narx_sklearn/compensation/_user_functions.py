@@ -6,7 +6,7 @@ from types import FunctionType
 
 import numpy as np
 from numba import njit, objmode
-from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
+from numba.core.errors import NumbaWarning
 
 from narx_sklearn.compensation._kernels import FUNCTIONS
 from narx_sklearn.exceptions import NarxWarning
@@ -28,11 +28,11 @@ def compiled_functions(calls: Sequence[tuple[Callable, int, Sequence[int]]]):
     """
     try:
         return _fixed(_written([_scalar(function) for function, _, _ in calls], calls))
-    except (NumbaError, UnsupportedBytecodeError) as error:
+    except Exception as error:  # a compiler fails in ways of its own too; nothing else runs here
         reason = _first_line(error)
     names = ", ".join(getattr(f, "__name__", type(f).__name__) for f, _, _ in calls)
     warnings.warn(
-        f"{names} could not be compiled ({reason}), so the law calls it as Python, hundreds of times slower. "
+        f"{names} could not be compiled ({reason}), so the law calls it as Python, many times slower. "
         "Plain arithmetic, math and numpy functions of scalars compile.",
         NarxWarning,
         stacklevel=4,
