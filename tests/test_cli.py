@@ -745,6 +745,7 @@ def test_diagnose_names_the_friction_from_a_model_file(bench, tmp_path, capsys):
     assert {row["parameter"] for row in content["parameters"]} == {name.split(" [")[0] for name in DATA_SHEET}
 
 
+@pytest.mark.long
 def test_several_recordings_are_diagnosed_as_sessions(bench, tmp_path, capsys):
     record = pd.read_csv(bench / "bench.csv")
     parts = [tmp_path / "a.csv", tmp_path / "b.csv"]

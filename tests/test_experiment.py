@@ -114,6 +114,7 @@ def test_the_middle_of_an_input_is_zero_where_it_was_meant_to_be():
     around_zero = np.tile([-1.0, 1.0], 50)
     around_zero[7] = 4.6  # one peak that goes far
     assert middle_of(around_zero[:, None]).tolist() == [0.0]
+    assert middle_of(np.empty((9, 0))).tolist() == []  # a machine that nobody drives
 
 
 @pytest.mark.parametrize(("separation", "expected"), [(0.0, 0.0), (2.0, 0.5), (4.0, 0.93319), (np.inf, 1.0)])

@@ -185,7 +185,7 @@ def middle_of(u: np.ndarray) -> np.ndarray:
 
     One peak that goes far is not usual.
     """
-    lowest, highest = np.nanquantile(u, USUAL, axis=0)
+    lowest, highest = np.nanquantile(u, USUAL, axis=0) if u.shape[1] else np.zeros((2, 0))
     middle = (lowest + highest) / 2
     return np.where(np.abs(middle) <= NEAR_ZERO * (highest - lowest) / 2, 0.0, middle)
 

@@ -33,7 +33,7 @@ NOTHING = 1e-3  # of the most that an effect adds
 ROUNDING = 1e-9  # of the same
 COARSE = 3.0  # times as large as between exact forms must a difference of the criterion be
 RULED = 1.0  # difference of the criterion that the rules of naming are worth
-PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless
+PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless, as measured
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
