@@ -92,9 +92,9 @@ def test_what_only_mends_the_form_of_a_name_is_no_second_name():
     drift = at("gain_drift", POSITION, (0.1, 20.0, 0.0), "position")
     problem, pair, structure = fitted(recorded(0.0), QUADRATIC, drift)
     _, alone, _ = fitted(recorded(0.0), QUADRATIC)
-    assert _without_form_menders(problem, pair, structure, None).places == alone.places
+    assert _without_form_menders(problem, pair, [], structure, None).places == alone.places
     problem, pair, structure = fitted(recorded(2.5), QUADRATIC, HUM)
-    assert _without_form_menders(problem, pair, structure, None) is pair
+    assert _without_form_menders(problem, pair, [], structure, None) is pair
 
 
 def test_a_value_that_is_the_best_of_very_many_pays_for_them(record):

@@ -137,6 +137,38 @@ class TestLookAlikes:
         assert naming._converged_best(problem, on_the_way, pool, 2 * plain.fit.cost, None) is other
         assert any(c is fitted for c in pool)
 
+    @pytest.mark.parametrize("share", [0.5, 2.0])
+    def test_two_curves_of_one_signal_give_way_to_one_name_that_a_form_of_its_own_completes(
+        self, monkeypatch, share
+    ):
+        problem, start = axis_problem([friction(0.3)])
+        base = fit(problem, start)
+
+        def placed(code, theta, weights=(1.0, 0.0)):
+            return PlacedEffect(CATALOGUE[code], Port("state", 1), weights, theta=theta)
+
+        def leaving(more, *effects):
+            found = fit(problem, base.model._replace(effects=effects), iterations=0)
+            return Candidate(found._replace(cost=0.5 * base.cost + more), problem.n_seen)
+
+        cubic, ripple = placed("cubic_stiffness", (0.1,)), placed("cogging", (0.1, 1.0, 0.0, 0.0, 0.0))
+        pair = leaving(0.0, cubic, ripple)
+        stop = leaving(0.1 * base.cost, placed("clearance", (1.0, 0.5, 0.0)))
+        drag = leaving(0.05 * base.cost, placed("quadratic_drag", (0.1,), (0.0, 1.0)))  # of the speed
+        pool = [pair, drag, stop]
+        assert naming._one_for_two(pair, pool) == [stop]
+        assert naming._one_for_two(leaving(0.0, cubic, drag.effects[0]), pool) == []
+        lacking = stop.criterion - pair.criterion
+        assert lacking > 0
+        takes = {stop.places.pop(): share * lacking}
+        monkeypatch.setattr(
+            naming, "taken_by_forms", lambda p, c, *_: sum(takes.get(e.place, 0.0) for e in c.effects)
+        )
+        monkeypatch.setattr(naming, "converged", lambda p, c, n_jobs: c)
+        monkeypatch.setattr(naming, "without", lambda p, c, left_out: drag)  # no member is enough alone
+        named = naming._without_form_menders(problem, pair, pool, None, None)
+        assert named is (stop if share > 1 else pair)
+
     def test_an_entry_of_as_many_parameters_is_no_refinement(self):
         _, (plain, falling), _ = self.candidates(size=0.3)
         unexplained = 30 * plain.fit.cost

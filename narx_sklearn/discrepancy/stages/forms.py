@@ -29,10 +29,10 @@ def own_forms(
     curves = [c for c in curves_along(problem, best.fit, structure) if c.placed.effect.code == CURVE]
     found = []
     for effect in best.effects:
-        if sum(_along(effect, other) for other in best.effects) > 1:
+        if sum(along(effect, other) for other in best.effects) > 1:
             continue
         for curve in curves:
-            at_its_place = _along(effect, curve.placed) and effect.through == curve.placed.through
+            at_its_place = along(effect, curve.placed) and effect.through == curve.placed.through
             if at_its_place and _is_form(problem, best, effect, curve, n_jobs):
                 found.append(curve)
         damped = damped_beyond(effect)
@@ -63,7 +63,7 @@ def _taken(bank: Bank) -> float:
     return float(np.sum(residual**2) - np.sum(out_of(bank.columns, residual) ** 2))
 
 
-def _along(one: PlacedEffect, other: PlacedEffect) -> bool:
+def along(one: PlacedEffect, other: PlacedEffect) -> bool:
     """Tell whether two effects act at one place and depend on one signal."""
     if one.port.kind == "state":
         return one.port == other.port and one.weights == other.weights

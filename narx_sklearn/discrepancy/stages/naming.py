@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, 
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
-from narx_sklearn.discrepancy.stages.forms import FORM, taken_by_forms
+from narx_sklearn.discrepancy.stages.forms import FORM, along, taken_by_forms
 from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps
 
 EXCHANGES = 2  # members of a set that may be exchanged
@@ -33,7 +33,7 @@ def named_set(
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
     best = _converged_best(problem, best, pool, refitted.cost, settings.n_jobs)
     best = next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
-    return _without_form_menders(problem, best, structure, settings.n_jobs)
+    return _without_form_menders(problem, best, pool, structure, settings.n_jobs)
 
 
 def _converged_best(
@@ -57,17 +57,39 @@ def _converged_best(
 
 
 def _without_form_menders(
-    problem: Problem, best: Candidate, structure: Structure, n_jobs: int | None
+    problem: Problem, best: Candidate, pool: list[Candidate], structure: Structure, n_jobs: int | None
 ) -> Candidate:
-    """Return a set without a member that pays for itself only because the rest has not another form."""
+    """Return a set without a member that pays for itself only because the rest has not another form.
+
+    Two names on one signal make up any law of it: one name in their place goes before them if, in a form of
+    its own, it is as likely.
+    """
     if len(best.effects) < 2:
         return best
-    lighter_first = sorted((without(problem, best, [e]) for e in best.effects), key=lambda c: c.fit.cost)
-    for fewer in lighter_first:
+    members = sorted((without(problem, best, [e]) for e in best.effects), key=lambda c: c.fit.cost)
+    for fewer in [*members, *_one_for_two(best, pool)]:
         fewer = converged(problem, fewer, n_jobs)
         if fewer.criterion - taken_by_forms(problem, fewer, structure, n_jobs) < best.criterion:
             return fewer
     return best
+
+
+def _one_for_two(best: Candidate, pool: list[Candidate]) -> list[Candidate]:
+    """Return the likeliest sets of a pool with one effect for two curves of one signal at a place."""
+    found = []
+    curves = [e for e in best.effects if e.effect.argument != "none" and not e.effect.n_memory]
+    for one, other in combinations(curves, 2):
+        if not along(one, other):
+            continue
+        kept = best.places - {one.place, other.place}
+        found += [
+            c
+            for c in pool
+            if len(c.effects) == len(best.effects) - 1
+            and kept <= c.places
+            and all(along(effect, one) for effect in c.effects if effect.place not in kept)
+        ]
+    return sorted(found, key=lambda c: c.criterion)[:EXCHANGES]
 
 
 def _likeliest_set(
