@@ -1,5 +1,7 @@
 """Forces that go as a product of two states: tried in every pair, told where none of the names does it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,7 +18,7 @@ from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, produc
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages import diagnosis, told_law
+from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.products import best_product
 from narx_sklearn.discrepancy.stages.stretches import Stretches
@@ -181,11 +183,10 @@ def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monke
     """The fall of the force is most of it; the voltage that falls too is the second law, if any is sought."""
     problem, refitted, structure = recorded_coil(fall=0.002)
     monkeypatch.setattr(diagnosis, "search_in_spans", lambda *_: None)
-    if alone:
-        monkeypatch.setattr(told_law, "_with_a_second", lambda *_: None)
+    settings = replace(SETTINGS, max_effects=1) if alone else SETTINGS
     none = Stretches(pd.DataFrame(columns=["start", "stop", "share"]), refitted.model.p, problem.y)
     searched = Searched(problem, refitted, [])
-    _, told, p_value = diagnosis._unless_noise(None, searched, none, structure, SETTINGS)
+    _, told, p_value = diagnosis._unless_noise(None, searched, none, structure, settings)
     assert p_value < 0.0025
     force = told.best.effects[0]
     assert (force.effect.code, force.port, force.argument_name) == (WITH_SQUARE, Port("state", 2), "current")

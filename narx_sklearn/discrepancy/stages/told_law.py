@@ -85,7 +85,7 @@ def told_law(
         The refit, to which nothing is added.
     """
     left = left_by_law(problem, nothing, law, structure, settings)
-    if left.is_little or not left.signs:
+    if left.is_little or not left.signs or settings.max_effects < 2:
         return ToldLaw(law, left)
     both = _with_a_second(problem, law, left.signs, structure, settings)
     if both is None:
