@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.search.generic import CURVE, KNOTS, curve_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.forms import _along
+from narx_sklearn.discrepancy.stages.forms import along
 
 DT = 1.0
 N = 1200
@@ -133,10 +133,10 @@ def _is_inside(value, knots):
 def test_a_curve_of_another_signal_is_no_form_of_one_of_the_output(acting):
     _, _, (of_charge, of_current), _ = acting
     own = replace(of_charge, second=())
-    assert _along(of_charge, of_charge)
-    assert not _along(of_charge, of_current)
-    assert not _along(of_charge, own)
-    assert _along(own, replace(own, argument_name="the same"))
+    assert along(of_charge, of_charge)
+    assert not along(of_charge, of_current)
+    assert not along(of_charge, own)
+    assert along(own, replace(own, argument_name="the same"))
 
 
 @pytest.mark.long
