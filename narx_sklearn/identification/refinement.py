@@ -258,6 +258,8 @@ def _marquardt(runs: _Runs, theta, theta0, Z, place, max_iter: int, tol: float):
             return theta, np.inf, step, False
         if not np.isfinite(gram).all():  # of a chaotic run, bounded though it is, sensitivities overflow
             return theta, loss, step, False
+        if not Z.shape[1]:  # the constraints hold all of them
+            return theta, loss, step, True
         G = Z.T @ gram[np.ix_(into, into)] @ Z
         g = Z.T @ gradient[into]
         scale = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
