@@ -1,5 +1,7 @@
 """Which of the sets that a search found is named."""
 
+from collections.abc import Callable
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -79,17 +81,30 @@ def _one_for_two(best: Candidate, pool: list[Candidate]) -> list[Candidate]:
     found = []
     curves = [e for e in best.effects if e.effect.argument != "none" and not e.effect.n_memory]
     for one, other in combinations(curves, 2):
-        if not along(one, other):
-            continue
-        kept = best.places - {one.place, other.place}
-        found += [
-            c
-            for c in pool
-            if len(c.effects) == len(best.effects) - 1
-            and kept <= c.places
-            and all(along(effect, one) for effect in c.effects if effect.place not in kept)
-        ]
+        if along(one, other):
+            found += _with_one_for(best, pool, (one, other), partial(along, one))
     return sorted(found, key=lambda c: c.criterion)[:EXCHANGES]
+
+
+def _with_one_for(
+    best: Candidate,
+    pool: list[Candidate],
+    two: tuple[PlacedEffect, PlacedEffect],
+    may_stand: Callable[[PlacedEffect], bool],
+) -> list[Candidate]:
+    """Return the sets of a pool with one effect, which may stand there, for two of the best."""
+    kept = best.places - {effect.place for effect in two}
+    return [
+        c
+        for c in pool
+        if len(c.effects) == len(best.effects) - 1
+        and kept <= c.places
+        and all(may_stand(effect) for effect in c.effects if effect.place not in kept)
+    ]
+
+
+def _at_one_port(one: PlacedEffect, other: PlacedEffect) -> bool:
+    return one.port == other.port
 
 
 def _likeliest_set(
@@ -119,15 +134,8 @@ def _without_refinement(best: Candidate, pool: list[Candidate], unexplained: flo
     """Return a set with one effect for two look-alikes at a port, if the second only mends a form."""
     next_to_nothing = REFINES * (unexplained - best.fit.cost)
     for one, other in bent_together(best):
-        kept = best.places - {one.place, other.place}
-        fewer = [
-            c
-            for c in pool
-            if len(c.effects) == len(best.effects) - 1
-            and kept <= c.places
-            and all(effect.port == one.port for effect in c.effects if effect.place not in kept)
-            and c.fit.cost - best.fit.cost <= next_to_nothing
-        ]
+        at_port = _with_one_for(best, pool, (one, other), partial(_at_one_port, one))
+        fewer = [c for c in at_port if c.fit.cost - best.fit.cost <= next_to_nothing]
         if fewer:
             return likeliest(fewer, unexplained)
     return best
