@@ -149,6 +149,7 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
             ["diagnose", "{bench}", "--quiet", "b.csv"],
             "unrecognized arguments: b.csv; several record",
         ),
+        (["identify", "{bench}", "--input", "drive"], "--input drive; input columns are named with --u"),
         (["diagnose", "{bench}", "--seed", "-1"], "'-1' is not a whole number from 0"),
         (["diagnose", "{bench}", "--jobs", "0"], "'0' is no number of threads"),
         (["compensate", "{bench}"], "Give either --model"),

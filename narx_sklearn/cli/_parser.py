@@ -70,12 +70,18 @@ examples:
 """
 
 
+COLUMNS = {"input": "u", "output": "y"}
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser that says what is wrong in a line, and where all options are told, instead of listing them."""
 
     def error(self, message: str) -> NoReturn:
         if re.match(r"unrecognized arguments: [^-]", message):  # of which argparse takes one run alone
             message += "; several recordings stand side by side, before or behind all options"
+        columns = re.match(r"unrecognized arguments: --(input|output)s?\b(?!-)", message)
+        if columns:
+            message += f"; {columns[1]} columns are named with --{COLUMNS[columns[1]]}"
         self.exit(2, f"{self.prog}: {message}\nTry: {self.prog} --help\n")
 
 
@@ -103,6 +109,7 @@ def _command(commands, name: str, help: str, text: str) -> argparse.ArgumentPars
         help=help,
         description=description,
         epilog="examples:" + examples,
+        allow_abbrev=False,  # --input is not --input-lags
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(module=f"_{name}")

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 DAY, HOUR = 86400.0, 3600.0  # s
+MILLI = re.compile(r"(:\d\d:\d\d):(\d{3})(?!\d)")  # some controllers write milliseconds behind another colon
 ISO = re.compile(r"\d{4}([-/])\d\d\1\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?)?$")
 DATE = r"(?P<one>\d{1,2})(?P<mark>[./-])(?P<two>\d{1,2})(?P=mark)(?P<year>\d{4})"
 CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d(?:[.,]\d+)?))?(?: ?(?P<half>[AaPp][Mm]))?"
@@ -22,7 +23,10 @@ def is_stamp(cell: str) -> bool:
     >>> from narx_sklearn.cli._stamps import is_stamp
     >>> [is_stamp(cell) for cell in ("2025-01-31T12:00:00Z", "31.01.2025 12:00", "02:30.5", "3.5")]
     [True, True, True, False]
+    >>> is_stamp("12:00:00:250")
+    True
     """
+    cell = MILLI.sub(r"\1.\2", cell)
     return bool(ISO.match(cell) or LOCAL.match(cell) or MINUTES.match(cell))
 
 
@@ -72,7 +76,10 @@ def stamp_seconds(cells: pd.Series) -> np.ndarray:
     [0.0, nan, 3.0]
     >>> stamp_seconds(pd.Series(["59:59.5", "00:00", "00:00,5", "1:00:01.0"])).tolist()
     [0.0, 0.5, 1.0, 1.5]
+    >>> stamp_seconds(pd.Series(["2025-01-31 12:00:00:750", "2025-01-31 12:00:01:000"])).tolist()
+    [0.0, 0.25]
     """
+    cells = cells.str.replace(MILLI, r"\1.\2", regex=True)
     known = cells.dropna()
     if known.empty or ISO.match(known.iloc[0]):
         marks = cells.str.replace("/", "-").str.replace(",", ".")
