@@ -544,6 +544,13 @@ def resting_model(slope, recorded):
     )
 
 
+def test_where_a_model_that_rests_anywhere_begins_is_asked_where_no_record_tells():
+    compensator = RootCompensator(resting_model(0.5, {})).fit()
+    with pytest.warns(UnreachableWarning, match="rest anywhere and keeps no record .*which input holds 3,"):
+        compensator.predict(3.0 + np.sin(np.arange(50) / 9))
+    compensator.predict(3.0 + np.sin(np.arange(50) / 9), m_init=1.0)
+
+
 @pytest.mark.parametrize(("slope", "first"), [(0.1, 25.0), (-0.1, 75.0)])
 def test_a_model_that_rests_anywhere_begins_with_an_input_recorded_near_the_first_reference(slope, first):
     model = resting_model(slope, {"u": (0.0, 50.0, 100.0), "y": (0.0, 6.0, 10.0)})

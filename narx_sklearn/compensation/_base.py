@@ -34,6 +34,7 @@ from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
+from narx_sklearn.model.times import step_of_rows
 from narx_sklearn.model.units import compare_units
 
 AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
@@ -172,13 +173,14 @@ class Compensator(BaseEstimator):
         Raises
         ------
         ValueError
-            If the reference has gaps, other columns than the law needs, or a label that states another unit
-            than the output's.
+            If the reference has gaps, other columns than the law needs, a label that states another unit
+            than the output's, or times that go back.
 
         Warns
         -----
         NarxWarning
-            If a label states a unit that is not known to be the output's.
+            If a label states a unit that is not known to be the output's, or a time index another sampling
+            period than the model's, or rows that are missing, uneven or out of order.
         UnreachableWarning
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
             if the first reference, at which the model may rest, lies beyond what was recorded.
@@ -206,6 +208,7 @@ class Compensator(BaseEstimator):
         check_is_fitted(self, "law_")
         reference = as_signals(X, "X")
         self._check_units(X)
+        self._check_times(X)
         if reference.shape[1] != len(self.law_.known):
             raise ValueError(
                 f"X has {reference.shape[1]} columns; the law needs {len(self.law_.known)}: the reference"
@@ -354,6 +357,14 @@ class Compensator(BaseEstimator):
 
     def _warn_if_begun_beyond(self, first: float) -> None:
         outputs = self._recorded()[0]
+        if self._line is None and self._middle is None and first != 0.0:
+            warnings.warn(
+                f"The model can rest anywhere and keeps no record that tells which input holds {first:g}, "
+                f"where the reference begins; it begins at an input of {self._first_input(first):g}. Pass "
+                "m_init, or fit the compensator with the record.",
+                UnreachableWarning,
+                stacklevel=3,
+            )
         if outputs is not None and not outputs[0] <= first <= outputs[2]:
             warnings.warn(
                 f"The reference begins at {first:g}, beyond the recorded output, {outputs[0]:g} to "
@@ -369,6 +380,10 @@ class Compensator(BaseEstimator):
             words = compare_units(f"The reference's column {label!r}", given or "", whose, wanted)
             if words:
                 warnings.warn(words, NarxWarning, stacklevel=4)
+
+    def _check_times(self, X) -> None:
+        period = getattr(self.model_, "sampling_period", None)
+        step_of_rows({"X": X}, None, period, "the model by sampling_period", stacklevel=4)
 
     def _parted(self, u: np.ndarray, model) -> tuple[np.ndarray, np.ndarray]:
         """Return the input that compensates, and the other inputs."""

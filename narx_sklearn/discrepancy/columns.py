@@ -1,15 +1,11 @@
-"""Labels of a table against the signals of a simulator: which column is which, in which unit, and when."""
+"""Labels of a table against the signals of a simulator: which column is which, and in which unit."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names, split_unit
+from narx_sklearn._validation import as_signals, column_labels, signal_names, split_unit
 from narx_sklearn.model.units import compare_units
-
-SAME_STEP = 0.01  # relative difference up to which the step of an index and dt are one
-TIMES = ("t", "time")  # names of an index that holds seconds, "time [s]"
 
 
 def read_columns(data, signals: Sequence, name: str, role: str) -> np.ndarray:
@@ -95,54 +91,3 @@ def _unlike(data, signals: Sequence, name: str, role: str) -> list[tuple[str, di
 def unlike_units(data, signals: Sequence, name: str, role: str) -> list[tuple[str, dict]]:
     """Return, in words and as evidence, each label whose unit is not that of its signal in any known way."""
     return _unlike(chosen_columns(data, signals, name, role), signals, name, role)
-
-
-# -- times -----------------------------------------------------------------------------------------------
-
-
-def index_step(data, sessions, name: str) -> float | None:
-    """Return the median step of a table's time index, s; None where its rows carry no time.
-
-    Times are a DatetimeIndex, a TimedeltaIndex, and numbers called ``time [s]`` or ``t [s]``.
-
-    Raises
-    ------
-    ValueError
-        If time goes back within a session.
-    """
-    index: Any = getattr(data, "index", None) if hasattr(data, "iloc") else None
-    seconds = None if index is None else _seconds(index)
-    if seconds is None:
-        return None
-    steps = np.diff(seconds)
-    for piece in session_slices(sessions, seconds.size):
-        back = np.flatnonzero(steps[piece.start : piece.stop - 1] < 0)
-        if back.size:
-            k = piece.start + int(back[0]) + 1
-            raise ValueError(
-                f"The time index of {name} goes back at row {k}, from {index[k - 1]} to {index[k]}. Sort the "
-                "record by time, as with sort_index(), or label recordings that follow one another in "
-                "sessions."
-            )
-        steps[piece.stop - 1 : piece.stop] = np.nan  # from the end of one to the beginning of the next
-    steps = steps[np.isfinite(steps)]
-    return float(np.median(steps)) if steps.size else None
-
-
-def _seconds(index) -> np.ndarray | None:
-    if index.dtype.kind in "mM":
-        return np.asarray((index - index[0]) / np.timedelta64(1, "s"), dtype=float)
-    name, unit = split_unit(index.name) if isinstance(index.name, str) else ("", None)
-    is_time = name.lower() in TIMES and unit == "s" and index.dtype.kind in "iuf"
-    return index.to_numpy(dtype=float) if is_time else None
-
-
-def other_step(step: float | None, dt: float) -> str:
-    """Return what a step of an index that is not dt says, in words; empty where they agree."""
-    if step is None or abs(step - dt) <= SAME_STEP * dt:
-        return ""
-    ratio = f", {dt / step:.4g} times as long" if step > 0 else ""
-    return (
-        f"The time index advances by {step:.6g} s from row to row (median), the simulator by "
-        f"dt={dt:.6g} s{ratio}. Pass dt={step:.6g} to the simulator, resample the record, or drop the index."
-    )

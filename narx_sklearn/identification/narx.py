@@ -70,6 +70,7 @@ from narx_sklearn.identification.whiteness import is_white
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.recording import lay_out
 from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
+from narx_sklearn.model.times import step_of_rows
 
 __all__ = ["NARXRegressor"]
 
@@ -164,7 +165,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         the others what gives the better criterion, zero or the mean. What is selected does not depend on
         units in any case.
     sampling_period : float, default=None
-        Seconds between samples, kept in the model.
+        Seconds between samples, kept in the model. None takes the step of the time index of ``X`` or
+        ``y`` (times, or numbers called ``time [s]``), if there is one.
     checkpoint : str or path-like, default=None
         Folder in which a long fit leaves what it has compressed so far. A fit that was interrupted goes on
         from there; one with other data or settings is refused. None keeps nothing.
@@ -299,12 +301,15 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         ------
         ValueError
             If a parameter is not valid, fewer than three samples have all lagged values, or ``X`` and
-            ``y`` are pandas tables with different row labels (or the same in another order).
+            ``y`` are pandas tables with different row labels (or the same in another order), or with times
+            that go back within a session.
 
         Warns
         -----
         NarxWarning
-            If ``refine="auto"`` is left out because a dask collection or files hold too many samples.
+            If ``refine="auto"`` is left out because a dask collection or files hold too many samples, or an
+            index tells that rows are missing, uneven or shuffled, or of another period than
+            ``sampling_period``.
         ExcitationWarning
             If a signal is constant, or the record so short that the terms cannot be told apart.
 
@@ -326,7 +331,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self._check_parameters()
         record = self._open(X, y, sessions, reset=True)
         problem, units = self._pose(record)
-        about = self._about(problem, units, record.moments)
+        about = self._about(problem, units, record, record.moments)
         constraints = self._constraints(problem)
         choices = self._compress(problem, constraints, record)
         selected = self._select_best(choices, constraints)
@@ -425,7 +430,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             batches = [before.add(record, float(self.forgetting)) for before in self._batches]
         selected = self._select_best([b.compressed for b in batches], constraints)
         (taken,) = (b for b in batches if b.compressed is selected[0].compressed)
-        model = build_model(selected, problem, **self._about(problem, units, moments))
+        model = build_model(selected, problem, **self._about(problem, units, record, moments))
         self._problem = problem
         self._moments: Moments = moments
         self._batches: list[Batches] = batches
@@ -522,6 +527,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 "without inputs pass input_lags=[] and X=np.empty((n_samples, 0))."
             )
         check_indexes(X, y)
+        step = step_of_rows(
+            {"X": X, "y": y}, sessions, self.sampling_period, "the model by sampling_period", stacklevel=5
+        )
         labels = column_labels(y)
         input_labels = column_labels(X)
         X = validate_data(
@@ -537,8 +545,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         check_same_length(X=X, y=y, sessions=sessions)
         session_slices(sessions, X.shape[0])
         return ArrayRecord(
-            X, y, sessions, input_labels=input_labels, output_labels=labels, y_ndim=self._y_ndim
-        )
+            X, y, sessions, input_labels=input_labels, output_labels=labels, y_ndim=self._y_ndim,
+            sampling_period=step,
+        )  # fmt: skip
 
     def _pose(self, record: Record) -> tuple[Problem, dict[str, str]]:
         """Say what is to be identified, and the signals' units."""
@@ -565,11 +574,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         self._library = library
         return Problem(outputs, inputs, phi, library), units
 
-    def _about(self, problem: Problem, units: dict[str, str], moments: Moments) -> dict[str, object]:
+    def _about(
+        self, problem: Problem, units: dict[str, str], record: Record, moments: Moments
+    ) -> dict[str, object]:
         """Return what a model knows besides its equations."""
         values = zip(problem.outputs + problem.inputs, *moments.range, strict=True)
         recorded = {name: (low, mean, high) for name, low, mean, high in values if low <= high}
-        return {"sampling_period": self.sampling_period, "units": units, "recorded": recorded}
+        period = record.sampling_period if self.sampling_period is None else self.sampling_period
+        return {"sampling_period": period, "units": units, "recorded": recorded}
 
     def _has_no_inputs(self) -> bool:
         lags = self.input_lags
@@ -832,6 +844,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         NarxWarning
             If ``y_init`` holds NaN wherever the simulation starts, so that it says nothing.
         """
+        check_is_fitted(self)
+        step_of_rows({"X": X}, sessions, self.model_.sampling_period, "the model by sampling_period")
         X = self._inputs(X)
         run = free_run(self.model_, X, y_init, sessions=sessions)
         if y_init is not None and run.started_from == "steady state" and np.isfinite(run.y).any():

@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice
-from narx_sklearn.exceptions import RankWarning
+from narx_sklearn.exceptions import NarxWarning, RankWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.factor import Factor, compress
 from narx_sklearn.identification.narx import NARXRegressor
@@ -179,7 +179,9 @@ sampling_period
         first = self._regressor(**structures[0])
         first._check_parameters()
         sizes = self._sizes()
-        record = first._open(X, y, sessions, reset=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NarxWarning)  # the fit of the model that is taken tells it too
+            record = first._open(X, y, sessions, reset=True)
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)  # of trials; the model that is taken tells its own
             scores, counts = self._judge(record, structures, sizes)

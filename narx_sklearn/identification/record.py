@@ -140,6 +140,8 @@ class Record(ABC):
         1 where the output came as a vector.
     in_memory : bool
         Whether every sample can be reached directly.
+    sampling_period : float or None
+        Seconds between samples, where the samples tell.
     """
 
     n_samples: int
@@ -150,6 +152,7 @@ class Record(ABC):
     output_labels: list | None
     y_ndim: int
     in_memory: bool = False
+    sampling_period: float | None = None
 
     @abstractmethod
     def map(self, function: Callable[[Block], Any], *, reach: int = 0, whole: bool = False) -> list:
@@ -218,14 +221,19 @@ class ArrayRecord(Record):
         1 where the output came as a vector.
     n_past : int, default=0
         Leading samples that belong to an earlier record and that only lags read.
+    sampling_period : float or None, default=None
+        Seconds between samples, where known.
     """
 
     in_memory = True
 
-    def __init__(self, X, y, sessions=None, *, input_labels=None, output_labels=None, y_ndim=1, n_past=0):
+    def __init__(
+        self, X, y, sessions=None, *,
+        input_labels=None, output_labels=None, y_ndim=1, n_past=0, sampling_period=None,
+    ):  # fmt: skip
         self.X, self.y = X, y
         self.sessions = None if sessions is None else np.asarray(sessions)
-        self.n_past = n_past
+        self.n_past, self.sampling_period = n_past, sampling_period
         self.n_samples, self.n_inputs = X.shape[0] - n_past, X.shape[1]
         self.n_outputs = y.shape[1]
         self.input_labels, self.output_labels, self.y_ndim = input_labels, output_labels, y_ndim

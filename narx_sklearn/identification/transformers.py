@@ -17,6 +17,7 @@ from narx_sklearn.identification.structure import candidate_library, named_phi, 
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.recording import Layout, Recording, lay_out
 from narx_sklearn.model.terms import TermLibrary
+from narx_sklearn.model.times import step_of_rows
 
 __all__ = ["LagTransformer", "PhiTransformer", "TermTransformer"]
 
@@ -64,6 +65,7 @@ class _SignalTransformer(TransformerMixin, BaseEstimator):
             As many rows as ``X``; what a row needs and the record does not hold is filled as ``fill`` says.
         """
         check_is_fitted(self)
+        step_of_rows({"X": X}, sessions)
         return self._columns(self._read(X, reset=False), sessions)
 
     def fit_transform(self, X, y=None, sessions=None):

@@ -12,16 +12,12 @@ from narx_sklearn._validation import (
     finite_slices,
     session_slices,
 )
-from narx_sklearn.discrepancy.columns import (
-    index_step,
-    other_step,
-    read_columns,
-    unlike_units,
-)
+from narx_sklearn.discrepancy.columns import read_columns, unlike_units
 from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES, shortest_window
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.model.times import index_step, other_step, rows_out_of_line
 
 Piece = tuple[slice, int]  # a stretch without gaps in the inputs, and the first sample of its session
 
@@ -89,17 +85,29 @@ def label_findings(X, y, simulator: Simulator, sessions=None) -> list[DataFindin
     ]
     steps = [index_step(data, sessions, name) for data, name in ((X, "X"), (y, "y"))]
     step = next((step for step in steps if step is not None), None)
-    words = other_step(step, simulator.dt)
+    words = _other_step(step, simulator)
     if words:
         found.append(DataFinding("time_scale", words, {"step": step, "dt": simulator.dt}))
+    words = rows_out_of_line(X, sessions, "X") or rows_out_of_line(y, sessions, "y")
+    if words:
+        found.append(DataFinding("rows", words))
     return found
 
 
 def warn_of_step(X, simulator: Simulator, sessions=None) -> None:
     """Warn where the time index of inputs advances by another step than the simulator."""
-    words = other_step(index_step(X, sessions, "X"), simulator.dt)
+    words = _other_step(index_step(X, sessions, "X"), simulator)
     if words:
         warnings.warn(words, NarxWarning, stacklevel=3)
+
+
+def _other_step(step: float | None, simulator: Simulator) -> str:
+    remedy = (
+        ""
+        if step is None
+        else f"Pass dt={step:.6g} to the simulator, resample the record, or drop the index."
+    )
+    return other_step(step, simulator.dt, "the simulator by dt", remedy)
 
 
 def check_length(simulator: Simulator, u: np.ndarray, y: np.ndarray, sessions, test_fraction: float) -> None:
