@@ -132,7 +132,8 @@ def test_a_sensor_follows_what_its_signal_does_between_the_samples(code, theta, 
 def test_python_fallback_runs_as_compiled():
     class Tank:
         def __call__(self, x, u, p):
-            return list(tank(x, u, p))
+            self.rate = list(tank(x, u, p))
+            return self.rate
 
     u = np.random.default_rng(0).normal(size=200)
     with pytest.warns(NarxWarning, match="Tank could not be compiled"):
@@ -233,10 +234,10 @@ def test_a_matrix_of_integers_and_floats_makes_the_compiler_fail_not_the_simulat
 
 
 def test_fallback_says_its_price_once_and_nothing_of_numba_leaks():
-    looked_up = {"a": 1.0}
+    looked_up = {1: 1.0}
 
     def decay(x, u, p):
-        return (-looked_up["a"] * x[0],)
+        return (-looked_up[1] * x[0],)
 
     sim = ODESimulator(decay, **TANK)
     with pytest.warns(NarxWarning, match="many times slower") as caught:

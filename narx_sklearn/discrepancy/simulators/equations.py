@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from inspect import Parameter, signature
-from types import CellType, FunctionType
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,11 @@ from numba.core import ir, ir_utils
 from numba.core.compiler import run_frontend
 from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
 
+from narx_sklearn.discrepancy.simulators.callables import identity, itself, jitted
 from narx_sklearn.discrepancy.simulators.kernels import EQUATION
 from narx_sklearn.exceptions import NarxWarning
 
 KEPT = 128  # compiled functions remembered
-LARGEST = 1 << 14  # bytes of a table that is compared by its numbers, which every run asks for
-KNOWN_TO_NUMBA = {"numpy", "scipy", "numba"}  # whose functions it calls by versions of its own
 # What compiled arithmetic answers with inf or NaN raises in Python; the run ends there in the same way.
 UNDEFINED = ("math domain error", "math range error", "expected a ")
 ARRAY_WRITTEN = re.compile(r"setitem\(array\(float64, 1d, \w\), Literal\[int\]\(\d+\), .*array\(")
@@ -57,80 +56,24 @@ def compiled(function: Callable, n: int):
     Compiled functions are remembered by what they compute, not by which object they are: a copy that came
     through pickle to a worker, or a notebook cell run again, is not compiled again.
     """
-    key = (_identity(function), n)
-    if key not in _compiled:
+    # one that runs as Python may change what it reads: it is what it is
+    for_python, key = (itself(function), n), (identity(function), n)
+    found = _compiled.get(for_python) or _compiled.get(key)
+    if found is None:
         while len(_compiled) >= KEPT:
             _compiled.pop(next(iter(_compiled)), None)
-        _compiled[key] = _compile(function, n)
-    return _compiled[key]
-
-
-def _identity(function: Callable):
-    """Return what tells functions apart: code, defaults, enclosed and global values; or the object."""
-    if not isinstance(function, FunctionType):
-        return function if _is_hashable(function) else _Same(function)
-    identity = _computes(function, ())
-    return identity if _is_hashable(identity) else function
-
-
-def _computes(value: Any, within: tuple[Any, ...]):
-    """Return what a value comes to in code: of a user's function what it computes, of a table its numbers.
-
-    A large table is told by which object it is.
-    """
-    if isinstance(value, np.ndarray):
-        is_small = value.nbytes <= LARGEST
-        return (value.shape, value.dtype.str, value.tobytes()) if is_small else _Same(value)
-    if not _is_users(value) or value in within:
-        return value
-    inside = (*within, value)
-    known = value.__globals__
-    enclosed = tuple(_computes(cell.cell_contents, inside) for cell in value.__closure__ or ())
-    used = tuple((name, _computes(known[name], inside)) for name in value.__code__.co_names if name in known)
-    values = (value.__defaults__, enclosed, used)
-    return (value.__code__, values, _types(values))
-
-
-def _is_users(value) -> bool:
-    """Tell whether a value is a plain function, and none of which the compiler has an own version."""
-    if not isinstance(value, FunctionType):
-        return False
-    return (value.__module__ or "").partition(".")[0] not in KNOWN_TO_NUMBA  # what was typed in has no module
-
-
-class _Same:
-    """An object that is equal to itself alone, for keys of unhashable callables."""
-
-    def __init__(self, held):
-        self.held = held
-
-    def __eq__(self, other):
-        return isinstance(other, _Same) and self.held is other.held
-
-    def __hash__(self):
-        return id(self.held)
-
-
-def _types(values):
-    """Return the types in nested tuples, for 1, 1.0 and True are equal as keys but not as code."""
-    return tuple(map(_types, values)) if isinstance(values, tuple) else type(values)
-
-
-def _is_hashable(value) -> bool:
-    try:
-        hash(value)
-    except TypeError:
-        return False
-    return True
+        found = _compile(function, n)
+        _compiled[for_python if getattr(found, "runs_python", False) else key] = found
+    return found
 
 
 def _compile(function: Callable, n: int):
-    reason = "it is no plain function"
+    reason = "it is no Python function"
     with_rates = takes_rates(function)
     given = "x[: x.size // 2], u, p, x[x.size // 2 :]" if with_rates else "x, u, p"
-    if isinstance(function, FunctionType) or hasattr(function, "py_func"):
-        reach = _reach(function) if isinstance(function, FunctionType) else None
-        inner = _jitted(function, checked=reach is None)
+    reach = _reach(function) if isinstance(function, FunctionType) else None
+    inner = jitted(function, checked=reach is None)
+    if inner is not None:
         for lines in _assignments(n):
             source = (
                 f"def write(x, u, p, written):\n    {_guard(reach)}\n    values = inner({given})\n    {lines}"
@@ -176,43 +119,9 @@ def compiled_lines(
 
 def _executed(source: str, values: Mapping[str, Any], functions: Mapping[str, Callable]) -> Callable:
     """Return ``write`` from its source text, round the user's functions compiled."""
-    space = {**values, **{name: _jitted(function) for name, function in functions.items()}}
+    space = {**values, **{name: jitted(function) or function for name, function in functions.items()}}
     exec(source, space)
     return space["write"]
-
-
-def _jitted(function: Callable, checked: bool = True, within: tuple[Callable, ...] = ()):
-    """Return a function compiled, with the plain functions that it calls; those ``within`` call it."""
-    if not isinstance(function, FunctionType):
-        return function  # compiled already, or known to numba
-    # bounds are checked: an index past the end would otherwise read whatever lies there
-    whole = _with_what_it_calls(function, (*within, function))
-    return njit(error_model="numpy", nogil=True, boundscheck=checked)(whole)
-
-
-def _with_what_it_calls(function: FunctionType, within: tuple[Callable, ...]) -> FunctionType:
-    """Return a function for which the plain functions that it calls by name, or encloses, are compiled.
-
-    One that calls itself, or one that calls it, is left as it is, which does not compile.
-    """
-
-    def is_called(value) -> bool:
-        return _is_users(value) and value not in within
-
-    known, enclosed = function.__globals__, function.__closure__ or ()
-    called = {name: known[name] for name in function.__code__.co_names if is_called(known.get(name))}
-    if not called and not any(is_called(cell.cell_contents) for cell in enclosed):
-        return function
-    names = {name: _jitted(value, within=within) for name, value in called.items()}
-    cells = tuple(
-        CellType(_jitted(cell.cell_contents, within=within)) if is_called(cell.cell_contents) else cell
-        for cell in enclosed
-    )
-    copy = FunctionType(
-        function.__code__, {**known, **names}, function.__name__, function.__defaults__, cells or None
-    )
-    copy.__kwdefaults__ = function.__kwdefaults__
-    return copy
 
 
 def _reach(function: FunctionType) -> tuple[int, ...] | None:
@@ -263,9 +172,9 @@ def _assignments(n: int):
 
 def _warn_of_price(title: str, reason: str, stacklevel: int) -> None:
     warnings.warn(
-        f"{title} could not be compiled ({reason}), so it runs as Python, many times slower. Plain "
-        "arithmetic, min and max, math and most numpy functions of scalars compile; np.clip is one that does "
-        "not.",
+        f"{title} could not be compiled ({reason}), so it runs as Python, many times slower: a diagnosis of "
+        "some thousand samples takes minutes to an hour. Plain arithmetic, min and max, math and most numpy "
+        "functions of scalars compile, attributes that are only read, and tables of scipy.interpolate.",
         NarxWarning,
         stacklevel=stacklevel,
     )

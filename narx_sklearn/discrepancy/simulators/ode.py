@@ -29,8 +29,10 @@ class ODESimulator(Simulator):
     function : callable
         ``f(x, u, p)`` of three 1-D arrays (states, inputs, parameters), returning one rate a state as tuple,
         list or array. It is compiled when numba can; otherwise it runs as Python, many times slower,
-        and a warning says so. Inputs that it does not use are measured channels (a temperature, a load):
-        they may turn out to matter.
+        and a warning says so. Methods, callable objects and partial functions are taken too; attributes
+        of objects and items of mappings with names are constants as they stand when a run begins, and
+        tables of ``scipy.interpolate`` and polynomials are compiled. Inputs that it does not use are measured
+        channels (a temperature, a load): they may turn out to matter.
     dt : float
         Sampling period, s.
     parameters : mapping of {str: float} or {str: (float, float, float)}
