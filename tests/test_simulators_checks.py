@@ -323,6 +323,9 @@ def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():
     large = Model(nominal().nominal * [1000.0, 1.0, 1.0], (), 1000.0 * near.x0)
     told = [replace(units, evidence={"after": 0.01})]
     assert still_standing(told, problem, large, large) == told
+    # one such parameter is likelier than two mistakes
+    twice = [*told, DataFinding("time_scale", "", {"after": 0.01})]
+    assert still_standing(twice, problem, large, large) == []
 
 
 def test_what_parameters_that_are_hardly_told_leave_is_asked_where_one_expects_them():

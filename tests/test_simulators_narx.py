@@ -121,9 +121,9 @@ def test_steady_state_rests():
 
 
 def test_function_that_does_not_compile_runs_as_python():
-    table = {"gain": 2.0}
+    table = {1: 2.0}
     model = NARXModel.from_equations(
-        "0.5*y[k-1] + phi1[k-1]", phi=[FunctionPhi(lambda v: table["gain"] * v, ["u[k]"])]
+        "0.5*y[k-1] + phi1[k-1]", phi=[FunctionPhi(lambda v: table[1] * v, ["u[k]"])]
     )
     sim, u = NARXSimulator(model, dt=1.0), np.arange(6.0)
     with pytest.warns(UserWarning, match="NARX model's step could not be compiled"):

@@ -200,13 +200,14 @@ def still_standing(
     refitted, best : Model
         The refitted simulator over these windows, and that with what was found.
     """
-    if not any("after" in finding.evidence for finding in findings):
+    n_undone = sum("after" in finding.evidence for finding in findings)
+    if not n_undone:
         return list(findings)  # none was undone on trial
     spread = np.nanstd(problem.y, axis=0)
     spread = np.where(spread > 0, spread, 1.0)
 
     def missed(model: Model) -> float:
-        if not _within_box(problem.simulator, model.p):
+        if _n_far(problem.simulator, model.p) >= n_undone:
             nearest = _nearest_alike(problem, model)
             model = fit(replace(problem, simulator=boxed(problem.simulator)), nearest).model
         left = (problem.y - problem.run(model).y) / spread
@@ -219,10 +220,10 @@ def still_standing(
     return [finding for finding in findings if not least < finding.evidence.get("after", -np.inf)]
 
 
-def _within_box(simulator: Simulator, p: np.ndarray) -> bool:
-    """Tell whether parameters are as near to the nominal ones as a check of the record lets them be."""
+def _n_far(simulator: Simulator, p: np.ndarray) -> int:
+    """Return how many parameters are farther from the nominal ones than a check of the record lets them."""
     nominal = simulator.nominal
-    return bool(np.all((np.abs(p - nominal) <= BOX * np.abs(nominal)) | (nominal == 0)))
+    return int(np.sum((np.abs(p - nominal) > BOX * np.abs(nominal)) & (nominal != 0)))
 
 
 def _nearest_alike(problem: Problem, model: Model) -> Model:
