@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, conclusion
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search import bank as bank_module
 from narx_sklearn.discrepancy.search import confirm
 from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.candidate import Candidate
@@ -91,6 +92,23 @@ class TestChanceOfNoise:
         monkeypatch.setattr(confirm, "as_if_white", lambda problem, base, candidate, gained, seed: gained)
         found, stays = confirm.confirmed(confirm.Trial(problem, base, bank), found, NONE_SILENT, alpha)
         return found.p_value, [c.effects[0].effect.code for c in stays]
+
+    def test_a_run_without_a_slope_is_no_column_and_no_warning(self, monkeypatch):
+        problem, start = axis_problem([friction(0.3)], n=300)
+        found = fit(problem, start)
+        hypotheses = [
+            Hypothesis(e, np.array([e.theta]), np.zeros(1, dtype=bool), np.zeros(1)) for e in self.THREE
+        ]
+        true = bank_module.effect_column
+
+        def endless(problem, fit, base, placed):
+            column = true(problem, fit, base, placed)
+            return column * 1e200 if placed.effect.code == "cubic_stiffness" else column
+
+        monkeypatch.setattr(bank_module, "effect_column", endless)
+        bank = make_bank(problem, found, hypotheses)
+        assert bank.useful.tolist() == [True, True, False]
+        assert np.isfinite(bank.gram).all()
 
     def test_where_the_best_may_be_noise_the_next_stands_for_what_is_before_it(self, monkeypatch):
         """A noise coloured by two effects prefers what is neither; under its own, one of them stands."""

@@ -249,6 +249,12 @@ def test_fallback_says_its_price_once_and_nothing_of_numba_leaks():
     np.testing.assert_allclose(y[1, 0], 1 - 0.1 + 0.1**2 / 2 - 0.1**3 / 6 + 0.1**4 / 24, rtol=1e-14)
 
 
+def test_numbers_that_make_no_sense_together_are_tried_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ODESimulator(lambda x, u, p: (p[0] * np.log(x[0] - u[0]) / (x[0] - u[0]),), **TANK)
+
+
 def test_bare_number_arrays_and_functions_of_the_output_compile():
     for function in (lambda x, u, p: -p[0] * x[0], lambda x, u, p: -p[0] * x, lambda x, u, p: [-p[0] * x[0]]):
         assert ODESimulator(function, **TANK).compiled

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 
 TANGENT = 1e-2  # share of an ordinary size that is injected
+ENDLESS = 1e100  # energy of what an effect does, beyond which the run has no slope worth the name
 INVISIBLE = 1e-6  # squared share of a column left after projection, below which it says nothing of its own
 MOST_COLUMNS = 8  # that are fitted freely, to see the noise
 
@@ -86,7 +87,10 @@ def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: 
 
     def store(i: int, h: int, s: int) -> None:
         column = effect_column(problem, fit, base, hypotheses[h].placed.at(hypotheses[h].starts[s]))
-        raw[i] = np.einsum("wt,wt->", column, column)
+        with np.errstate(over="ignore"):
+            raw[i] = np.einsum("wt,wt->", column, column)
+        if not raw[i] <= ENDLESS:
+            raw[i], column = 0.0, np.zeros_like(column)
         stored[i] = off(own, fit.projector(column))
 
     Parallel(n_jobs=n_jobs, prefer="threads")(delayed(store)(i, h, s) for i, (h, s) in enumerate(pairs))

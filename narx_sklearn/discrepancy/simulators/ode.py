@@ -341,7 +341,8 @@ def _try(function, simulator: ODESimulator, n: int, name: str, wanted: str, with
 
     def called(value):
         rates = [np.full(n_states, value)] if with_rates else []
-        return function(np.full(n_states, value), np.full(n_inputs, value), simulator.nominal, *rates)
+        with np.errstate(all="ignore"):  # such numbers may make no sense together
+            return function(np.full(n_states, value), np.full(n_inputs, value), simulator.nominal, *rates)
 
     try:
         result = called(1.0)
