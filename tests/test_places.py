@@ -156,6 +156,39 @@ class TestPlaces:
             assert not structure.kinematic[0]
             assert structure.twists == []
 
+    @pytest.mark.parametrize(
+        ("units", "rate", "is_definition"),
+        [
+            ("m m/s m/s", lambda v, base, p: v - base, True),
+            ("m m/s m/s", lambda v, base, p: v - p * base, False),  # p is to be found
+            ("m m/s m/s", lambda v, base, p: v - 2.0 * base, False),
+            ("m m/s m/s", lambda v, base, p: v - base * abs(base), False),
+            ("m m^3/s m^3/s", lambda v, base, p: v - base, False),  # a store, of which something may be lost
+            ("a a/s", lambda v, base, p: v - base, False),
+        ],
+    )
+    def test_how_far_a_body_has_moved_from_a_base_is_a_definition(self, units, rate, is_definition):
+        one, other, driven = [*units.split(), ""][:3]
+
+        def wheel(x, u, p):
+            return rate(x[1], u[0], p[0]), -40.0 * x[0] - x[1] + u[0]
+
+        simulator = ODESimulator(
+            wheel,
+            dt=0.02,
+            parameters={"p": 1.0},
+            states=[f"deflection [{one}]", f"speed [{other}]"],
+            inputs=[f"base [{driven}]" if driven else "base"],
+        )
+        structure = self.structure_of(simulator)
+        assert structure.kinematic.tolist() == [is_definition, False]
+        assert structure.rates == ()  # it is no integral of the speed alone
+        if is_definition:
+            found = placements(CATALOGUE["cubic_stiffness"], simulator, structure)
+            assert [(p.port, p.argument_name) for p in found if not p.odd] == [
+                (Port("state", 1), "deflection")
+            ]
+
     def test_a_drive_may_pull_at_another_axis_and_gains_may_follow_each_other(self):
         def table_of_two(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1], x[3], p[2] * u[1] - p[3] * x[3]

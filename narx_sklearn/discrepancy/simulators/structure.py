@@ -45,7 +45,7 @@ class Structure(NamedTuple):
         return tuple(
             (velocity, position, float(self.slope[position, velocity]))
             for velocity, position in enumerate(self.partner)
-            if position >= 0 and self.kinematic[position]
+            if position >= 0 and self.kinematic[position] and not self.inputs[position].any()
         )
 
     @property
@@ -101,7 +101,9 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     partner = [-1] * n
     for i in range(n):
         sources = np.flatnonzero(depends[i])
-        if driven[i].any() or i in sources or not spread[i, sources].all():
+        if i in sources or not spread[i, sources].all():
+            continue
+        if driven[i].any() and not _is_relative(i, sources, Jx[:, i], Ju[:, i], simulator):
             continue
         if sources.size == 1:
             kinematic[i] = not tuned[i]
@@ -122,6 +124,23 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
     return Structure(tuple(partner), kinematic, depends, slopes, driven, gain, varies, read)
+
+
+def _is_relative(i: int, sources: np.ndarray, of_states, of_inputs, simulator: Simulator) -> bool:
+    """Tell whether a state counts how far a body has moved from a base, whose speed is an input.
+
+    Slopes ``of_states`` (n_points, n_states) and ``of_inputs`` (n_points, n_inputs) are those of its rate.
+    """
+    inputs = np.flatnonzero(np.abs(of_inputs).max(axis=0, initial=0.0) > 0)
+    if sources.size != 1 or inputs.size != 1 or not simulator.states[i].unit:
+        return False
+    j, base = int(sources[0]), int(inputs[0])
+    speed = f"{simulator.states[i].unit}/s"
+    are_speeds = all(
+        s.unit and may_be_alike(speed, s.unit) for s in (simulator.states[j], simulator.inputs[base])
+    )
+    together = of_states[:, j] + of_inputs[:, base]
+    return are_speeds and bool(np.all(np.abs(together) <= STEP * np.abs(of_states[:, j])))
 
 
 def _is_twist(i: int, sources: np.ndarray, slopes: np.ndarray, states: Sequence[Signal]) -> bool:
