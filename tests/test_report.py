@@ -165,7 +165,9 @@ def test_both_reports_tell_of_parameters_that_only_do_something_together(case):
     told = "Of mass, force, damping and stiffness only what they do together is told: they may all be off by"
     assert told in dx.report_
     assert told in render_report(dx, u, y)
+    assert not dx.parameters_["told_alone"].any()
     assert "only what they do together" not in case[0].report_
+    assert case[0].parameters_["told_alone"].all()
 
 
 def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):

@@ -34,7 +34,12 @@ from narx_sklearn.discrepancy.records.spikes import find_spikes, spikes_as_findi
 from narx_sklearn.discrepancy.records.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.search.inference import confidence_in_nothing, intervals
+from narx_sklearn.discrepancy.search.inference import (
+    confidence_in_nothing,
+    intervals,
+    told_together,
+    untold,
+)
 from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.beginning import begin
@@ -110,7 +115,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         farthest that an output goes from its mean in either, in its spreads. Empty where nothing goes that
         far, where quiet motion tells nothing of what was found, and where nobody can foresee its course.
     parameters_ : DataFrame
-        The simulator's parameters: nominal, refitted, augmented, with intervals and units.
+        The simulator's parameters: nominal, refitted, augmented, with intervals and units. Those that are not
+        ``told_alone`` may all be off with nothing to notice, beyond their intervals: these data tell only
+        what they do together with others.
     simulator_ : Simulator
         The corrected simulation, a simulator like any other: refitted, with what was found, unless that makes
         held-out windows or whole runs surely worse or nobody can foresee its course. It is for other records
@@ -537,6 +544,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         refitted, final = diagnosis.refitted, diagnosis.best.fit
         sure = diagnosis.intervals(self.level)[:n]
         before = intervals(diagnosis.problem, refitted, self.level)[:n]
+        together = [index for group in told_together(untold(final)) for index in group]
         return pd.DataFrame(
             {
                 "unit": [p.unit for p in simulator.parameters],
@@ -547,6 +555,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
                 "augmented": final.model.p,
                 "augmented_low": sure[:, 0],
                 "augmented_high": sure[:, 1],
+                "told_alone": ~np.isin(np.arange(n), together),
             },
             index=pd.Index([p.name for p in simulator.parameters], name="parameter"),
         )
