@@ -23,10 +23,12 @@ from narx_sklearn.compensation import (
     inverse,
     run_plant,
     smooth_output,
+    smooth_signs,
     tracking_error,
     tracking_scorer,
 )
 from narx_sklearn.datasets import make_piezo_bench
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.metrics import mape
@@ -409,6 +411,13 @@ def test_plants_of_every_kind_can_be_run():
         (lambda: RootCompensator(PLANT).fit().step("up"), ValueError, "A step takes 1 numbers"),
         (lambda: RootCompensator(PLANT, policy="jump").fit(), ValueError, "policy='jump'"),
         (lambda: RootCompensator(M_R, smooth_width=0.1).fit(), ValueError, "needs limits"),
+        (
+            lambda: RootCompensator(PLANT, smooth_width=-1).fit(),
+            ValueError,
+            "smooth_width must be a positive",
+        ),
+        (lambda: InverseCompensator(M_INVERSE, smooth_width="wide").fit(), ValueError, "smooth_width must"),
+        (lambda: smooth_signs(PLANT, 0.0), ValueError, "width must be a positive number"),
         (lambda: RootCompensator(PLANT, branch="up").fit(), ValueError, "branch='up'"),
         (
             lambda: RootCompensator(M_R, smooth_width=0.1, limits=(-80, 80), branch="rising").fit(),
@@ -430,6 +439,21 @@ def test_plants_of_every_kind_can_be_run():
 def test_what_cannot_be_is_said(fit, error, message):
     with pytest.raises(error, match=message):
         fit()
+
+
+def tank(x, u, p):
+    return u - p[0] * x
+
+
+@pytest.mark.parametrize("kind", [RootCompensator, InverseCompensator, PrandtlIshlinskiiCompensator])
+def test_a_diagnosis_or_a_simulator_is_told_how_it_becomes_a_model(kind):
+    simulator = ODESimulator(tank, dt=0.1, parameters={"leak": 1.0}, inputs=["u"], states=["h"])
+    record = np.ones((50, 1)), np.ones(50)
+    for data in ((), record):
+        with pytest.raises(TypeError, match=r"is a simulator \(ODESimulator\).*dx\.to_narx\(X\)"):
+            kind(simulator).fit(*data)
+        with pytest.raises(TypeError, match=r"is a DiscrepancyRegressor.*pass model=dx\.to_narx\(X\)"):
+            kind(DiscrepancyRegressor(simulator)).fit(*data)
 
 
 def test_a_law_that_runs_away_on_a_slower_reference_is_not_taken():

@@ -20,6 +20,7 @@ from narx_sklearn._validation import (
     split_unit,
 )
 from narx_sklearn.compensation.c_code import c_source
+from narx_sklearn.compensation.derive import check_width
 from narx_sklearn.compensation.law import (
     BRANCHES,
     POLICIES,
@@ -68,6 +69,8 @@ class Compensator(BaseEstimator):
         ------
         ValueError
             If there are neither data nor a model, an argument is out of range, or the model allows no law.
+        TypeError
+            If ``model`` is neither a model nor an estimator of one, such as a simulator.
 
         Warns
         -----
@@ -75,7 +78,9 @@ class Compensator(BaseEstimator):
             If the law amplifies small errors of its own input along the first samples of the record.
         """
         self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
+        _check_is_no_simulator(self.model)
         limits, rate_limit = self._check_limits()
+        check_width(getattr(self, "smooth_width", None), "smooth_width")
         choices = self._choices()
         for name, choice in choices.items():
             check_choice(choice, name, CHOICES[name])
@@ -580,6 +585,22 @@ def _rises(model: NARXModel, name: str) -> bool | None:
 def unnamed(X, y):
     """Return X and y as arrays, so that a default model calls them u and y, and their labels."""
     return as_signals(X, "X"), as_signals(y, "y")[:, 0], (column_labels(X), column_labels(y))
+
+
+def _check_is_no_simulator(model: Any) -> None:
+    """Refuse what can be simulated but is no NARX model, and say how to get one from it."""
+    kind = type(model).__name__
+    if hasattr(model, "to_narx"):
+        raise TypeError(
+            f"model is a {kind}, but a compensator solves the equation of a NARX model: fit it and pass "
+            "model=dx.to_narx(X) of the fitted dx, with inputs X that reach what the model is to know."
+        )
+    if hasattr(model, "simulate") and not hasattr(model, "fit"):
+        raise TypeError(
+            f"model is a simulator ({kind}), but a compensator solves the equation of a NARX model: pass "
+            "model=dx.to_narx(X) of the fitted DiscrepancyRegressor dx that corrected it, or the model_ of a "
+            "NARXRegressor fitted to X and simulator.simulate(X)."
+        )
 
 
 def _check_finite(**values) -> None:

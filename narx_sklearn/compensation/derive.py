@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw, FunctionElement
@@ -62,6 +63,11 @@ def smooth_signs(model: NARXModel, width: float | None) -> NARXModel:
     -------
     NARXModel
 
+    Raises
+    ------
+    ValueError
+        If ``width`` is not positive, whether the model has signs or none.
+
     Examples
     --------
     >>> from narx_sklearn.compensation import smooth_signs
@@ -70,6 +76,7 @@ def smooth_signs(model: NARXModel, width: float | None) -> NARXModel:
     >>> smooth_signs(model, 0.5).phi[0].run([0.0, 0.25]).round(3).tolist()
     [0.0, 0.462]
     """
+    check_width(width, "width")
     if width is None:
         return model
     phi = tuple(
@@ -77,6 +84,13 @@ def smooth_signs(model: NARXModel, width: float | None) -> NARXModel:
         for p in model.phi
     )
     return replace(model, phi=phi, units=dict(model.units), origin=dict(model.origin))
+
+
+def check_width(width, name: str) -> None:
+    """Refuse a width that is neither None nor a positive number."""
+    is_number = isinstance(width, Real) and not isinstance(width, bool)
+    if width is not None and not (is_number and 0.0 < float(width) < float("inf")):
+        raise ValueError(f"{name} must be a positive number (or None), got {width!r}.")
 
 
 def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
