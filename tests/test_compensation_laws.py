@@ -419,7 +419,7 @@ def test_compiled_and_interpreted_kernels_agree(name, monkeypatch):
         for key, value in list(vars(module).items()):
             if hasattr(value, "py_func") and value.py_func.__module__.startswith("narx_sklearn.compensation"):
                 monkeypatch.setattr(module, key, value.py_func)
-    for key in ("first_root", "smallest_value"):
+    for key in ("first_root", "is_better", "smallest_value"):
         monkeypatch.setattr(kernels, key, getattr(polynomial_roots, key))
     np.testing.assert_allclose(law.run(known, m=0.3).m, whole, rtol=1e-12, atol=1e-14)
 
@@ -452,6 +452,37 @@ def test_hold_keeps_the_last_input_and_nearest_goes_as_far_as_it_helps():
     assert nearest.counts.no_solution == 2
     saturated = limited(law, policy="nearest", limits=(0.5, 1.5)).run(r, m=1.0).m
     np.testing.assert_allclose(saturated[:3], [1.5, 0.5, 0.5])
+
+
+def even(u):
+    """An even function, which the law of a model searches."""
+    return 0.3 * u**4
+
+
+EVEN = {
+    "roots": NARXModel.from_equations("0.5*y[k-1] + 0.3*u[k-1]^4 - 0.2*u[k-1]^2*u[k-2]"),
+    "search": NARXModel.from_equations(
+        "0.5*y[k-1] + even[k-1]", phi=[FunctionPhi(even, ["u[k]"], name="even")]
+    ),
+}
+TIES = {name: limited(root_law(EVEN[name]), limits=(-1.0, 1.0), policy="nearest") for name in EVEN}
+
+
+@pytest.mark.parametrize("name", EVEN)
+@pytest.mark.parametrize("held", [-0.3, 0.3, -1e-17, 0.0, 1e-17])
+@pytest.mark.parametrize("shift", [-1e-15, 0.0, 1e-15])
+def test_of_inputs_that_come_as_near_the_one_nearest_to_the_last_is_taken(name, held, shift):
+    # 0.3 u^4 - 0.2 u^2 m is even in u: both ends of the limits give the same, far from the reference
+    run = TIES[name].run([9.0 + shift, 9.0 + shift], m=held)
+    assert run.m[0] == (1.0 if held > -1e-9 else -1.0)  # of two as near the one up
+    assert run.counts.no_solution == 2
+
+
+def test_of_roots_as_near_the_one_up_is_taken_whatever_rounding_says():
+    law = limited(root_law(NARXModel.from_equations("u[k-1]^2")))
+    for held in (-1e-17, 0.0, 1e-17):
+        assert law.run([0.49, 0.49], m=held).m[0] == pytest.approx(0.7, rel=1e-12)
+    assert law.run([0.49, 0.49], m=-1e-3).m[0] == pytest.approx(-0.7, rel=1e-12)
 
 
 def test_the_branch_is_the_side_that_corrects_the_output():
@@ -732,6 +763,7 @@ def test_an_inverse_model_must_read_the_output():
 USERS = {
     "f": "double law_user_f(double u, double y) { return tanh(u) / (1.0 + y * y); }\n",
     "root": "double law_user_root(double u) { return sqrt(u); }\n",
+    "even": "double law_user_even(double u) { return 0.3 * pow(u, 4.0); }\n",
     "pole": "double law_user_pole(double u) { return 1.0 / u; }\n",
 }
 
@@ -765,6 +797,7 @@ C_LAWS = {name: limited(root_law(model)) for name, model in MODELS.items()} | {
 
 
 C_LAWS["rests beside a load"] = limited(root_law(BESIDE_A_LOAD))
+C_LAWS |= {f"ties of {name}": law for name, law in TIES.items()}
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")

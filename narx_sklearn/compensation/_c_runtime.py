@@ -68,6 +68,15 @@ static double NAME_bouc_wen(double h, double change, const double *p)
 }
 """
 
+BETTER = """\
+/* whether a residual is less than the least one, or as small after a shorter move */
+static int NAME_better(double size, double move, double least, double shortest)
+{
+    if (size < least * (1.0 - ALIKE)) return 1;
+    return size <= least * (1.0 + ALIKE) && move < shortest * (1.0 - ALIKE);
+}
+"""
+
 ROOTS = """\
 static double NAME_poly(const double *c, int n, double x)
 {
@@ -224,7 +233,7 @@ static double NAME_move(const double *c, int n, double start, double end)
     return NAN;
 }
 
-/* move in [start, end] of the least residual, which is written to size */
+/* move in [start, end] of the least residual, which is written to size; of those that tie the shortest */
 static double NAME_best(const double *c, int n, double start, double end, double *size)
 {
     double chain[NAME_DEGREE + 1][NAME_DEGREE + 1], cuts[NAME_DEGREE + 3], best = start, value;
@@ -235,7 +244,7 @@ static double NAME_best(const double *c, int n, double start, double end, double
     count = NAME_turns(c, n, start, end, chain, cuts);
     for (i = 1; i < count; i++) {
         value = fabs(NAME_poly(c, n, cuts[i]));
-        if (value < *size) { best = cuts[i]; *size = value; }
+        if (value < *size * (1.0 - ALIKE)) { best = cuts[i]; *size = value; }
     }
     return best;
 }
@@ -255,8 +264,9 @@ static double NAME_nearest_root(const double *up, const double *down, double pre
     for (turn = 0; turn < 2; turn++) {
         side = turn ? 1 - likely : likely;
         for (n[side] = NAME_DEGREE; n[side] > 0 && c[side][n[side]] == 0.0; n[side]--) ;
-        move = NAME_move(c[side], n[side], start[side], fmin(end[side], shortest));
-        if (move < shortest || (move == shortest && side == 0)) {
+        move = NAME_move(c[side], n[side], start[side],
+                         fmin(end[side], shortest * (side ? 1.0 - ALIKE : 1.0 + ALIKE)));
+        if (!isnan(move)) {
             shortest = move;
             m = side ? previous - move : previous + move;
         }
@@ -267,7 +277,11 @@ static double NAME_nearest_root(const double *up, const double *down, double pre
     for (side = 0; side < 2; side++)
         if (start[side] <= end[side]) {
             move = NAME_best(c[side], n[side], start[side], end[side], &size);
-            if (size < least) { least = size; m = side ? previous - move : previous + move; }
+            if (NAME_better(size, move, least, shortest)) {
+                least = size;
+                shortest = move;
+                m = side ? previous - move : previous + move;
+            }
         }
     return m;
 }
@@ -322,7 +336,10 @@ static double NAME_solve(NAME_state *s, double previous, int *found)
                 if (*found) return zero;
             }
             above = m; f_above = f;
-            if (fabs(f) < least) { best = m; least = fabs(f); }
+            if (NAME_better(fabs(f), fabs(m - inside), least, fabs(best - inside))) {
+                best = m;
+                least = fabs(f);
+            }
         }
         if (below > NAME_LOW) {
             m = fmax(inside - step, NAME_LOW);
@@ -332,7 +349,10 @@ static double NAME_solve(NAME_state *s, double previous, int *found)
                 if (*found) return zero;
             }
             below = m; f_below = f;
-            if (fabs(f) < least) { best = m; least = fabs(f); }
+            if (NAME_better(fabs(f), fabs(m - inside), least, fabs(best - inside))) {
+                best = m;
+                least = fabs(f);
+            }
         }
         step *= GROWTH;
     }

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from narx_sklearn.compensation._polynomial_roots import first_root, smallest_value
+from narx_sklearn.compensation._polynomial_roots import ALIKE, first_root, is_better, smallest_value
 from narx_sklearn.model.kernels import ASYMMETRIC_SIGN, STATE_SIZE, Program, phi_value, right_hand_side
 from narx_sklearn.physics.boucwen import _bouc_wen_move
 
@@ -239,7 +239,8 @@ def _search(functions, law, state, previous):
     """Return the input nearest to the last one at which the residual is zero, and whether there is one.
 
     Steps go outwards on both sides and grow, so a pair of roots closer than a third of their distance from
-    the last input may be overlooked. Where there is none, the input of the least residual met is returned.
+    the last input may be overlooked. Where there is none, the input of the least residual met is returned;
+    of those that tie the one nearest to the last input.
     """
     span = law.high - law.low
     inside = min(max(previous, law.low), law.high)
@@ -259,7 +260,7 @@ def _search(functions, law, state, previous):
                 if is_zero:
                     return zero, True
             above, value_above = m, value
-            if abs(value) < least:
+            if is_better(abs(value), abs(m - inside), least, abs(best - inside)):
                 best, least = m, abs(value)
         if below > law.low:
             m = max(inside - step, law.low)
@@ -269,7 +270,7 @@ def _search(functions, law, state, previous):
                 if is_zero:
                     return zero, True
             below, value_below = m, value
-            if abs(value) < least:
+            if is_better(abs(value), abs(m - inside), least, abs(best - inside)):
                 best, least = m, abs(value)
         step *= GROWTH
     return best, False
@@ -311,10 +312,10 @@ def _nearest_root(law, state, previous):
     for side in (likely, 1 - likely):  # 0 is loading, 1 unloading
         start, end = _moves(law, previous, side)
         # a move that is longer than the one found would not be taken; of two alike the one up is
-        end = min(end, shortest)
+        end = min(end, shortest * (1.0 + ALIKE if side == 0 else 1.0 - ALIKE))
         c, n, sense = (up, n_up, 1.0) if side == 0 else (down, n_down, -1.0)
         move = first_root(c, n, start, end, state.chain, state.work)
-        if move < shortest or (move == shortest and side == 0):
+        if not np.isnan(move):
             m, shortest = previous + sense * move, move
         if too_low != 0.0 and shortest < np.inf:
             break
@@ -322,13 +323,13 @@ def _nearest_root(law, state, previous):
         return m, True
     if law.policy == NEAREST:
         least = np.inf
-        for side in range(2):
+        for side in range(2):  # of residuals alike the one after the shorter move is taken, then the one up
             start, end = _moves(law, previous, side)
             c, n, sense = (up, n_up, 1.0) if side == 0 else (down, n_down, -1.0)
             if start <= end:
                 move, size = smallest_value(c, n, start, end, state.chain, state.work)
-                if size < least:
-                    m, least = previous + sense * move, size
+                if is_better(size, move, least, shortest):
+                    m, least, shortest = previous + sense * move, size, move
     return m, False
 
 

@@ -17,6 +17,7 @@ GRAZE = 64.0 * np.finfo(float).eps  # what rounding leaves of a double root, rel
 TIGHT = 4.0 * np.finfo(float).eps
 MAX_ITERATIONS = 200  # bisection alone ends a double's exponent range and digits within this
 FEW_ITERATIONS = 12  # from the last input Newton's iteration arrives within these, or starts from too far
+ALIKE = 1e-9  # relative: sizes and moves that differ by less tie, so that no rounding chooses between them
 WIDEST = 1e15  # end of an interval without limit when not even the coefficients bound the roots
 
 
@@ -246,11 +247,20 @@ def first_root(c, degree, start, end, chain, work):
     return np.nan
 
 
+@njit(nogil=True, inline="always")
+def is_better(size, move, least, shortest):
+    """Tell whether a residual is less than the least one, or as small after a shorter move."""
+    if size < least * (1.0 - ALIKE):
+        return True
+    return size <= least * (1.0 + ALIKE) and move < shortest * (1.0 - ALIKE)
+
+
 @njit(cache=True, nogil=True)
 def smallest_value(c, degree, start, end, chain, work):
     """Return the point of [start, end] at which the polynomial is nearest to zero, and its size there.
 
-    For a polynomial without a root in the interval; arguments as for `first_root`.
+    Of points that tie it is the one nearest to the start. For a polynomial without a root in the interval;
+    arguments as for `first_root`.
     """
     end = root_bound(c, degree) if np.isinf(end) else end
     best, least = start, abs(evaluate(c, degree, start))
@@ -259,6 +269,6 @@ def smallest_value(c, degree, start, end, chain, work):
     n = critical_points(c, degree, start, end, chain, work)
     for i in range(1, n):
         size = abs(evaluate(c, degree, work[0, i]))
-        if size < least:
+        if size < least * (1.0 - ALIKE):
             best, least = work[0, i], size
     return best, least

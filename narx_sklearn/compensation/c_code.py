@@ -106,6 +106,7 @@ class _Writer:
             "GRAZE": roots.GRAZE,
             "TIGHT": roots.TIGHT,
             "WIDEST": roots.WIDEST,
+            "ALIKE": roots.ALIKE,
             "FEW_ITERATIONS": roots.FEW_ITERATIONS,
             "LONGEST_STEP": LONGEST_STEP,
             "SHORTEST_SHARE": SHORTEST_SHARE,
@@ -116,6 +117,7 @@ class _Writer:
             (runtime.PLAY, PLAY in kinds),
             (runtime.HYSTERETIC, HYSTERETIC in kinds),
             (runtime.BOUC_WEN, kernels.BOUC_WEN in kinds),
+            (runtime.BETTER, self.law.method in ("roots", "search")),
             (runtime.ROOTS, self.law.method == "roots"),
         ]
         return _fill("\n".join(text for text, wanted in chosen if wanted), constants)
