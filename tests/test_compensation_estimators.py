@@ -218,6 +218,55 @@ def test_without_a_continuum_the_first_input_holds_the_first_reference():
     np.testing.assert_allclose(m[0] + 0.2 * m[0] ** 3, 0.4 * 1.7, atol=1e-8)
 
 
+@pytest.mark.parametrize("kind", [RootCompensator, IsolatedCompensator])
+@pytest.mark.parametrize("gain", [0.299, 0.301, 0.4, 0.9])  # a law that forgets slowly, and laws that amplify
+@pytest.mark.filterwarnings("ignore::narx_sklearn.compensation.AmplificationWarning")
+def test_the_first_input_holds_the_first_reference_however_the_law_behaves(kind, gain):
+    compensator = kind(NARXModel.from_equations(f"0.5*y[k-1] + 0.3*u[k-1] + {gain}*u[k-2]")).fit()
+    m = compensator.predict(np.full(5, 0.5))
+    np.testing.assert_allclose(m, 0.25 / (0.3 + gain), rtol=1e-12)
+    compensator.reset(reference=0.5)
+    assert compensator.step(0.5) == pytest.approx(0.25 / (0.3 + gain), rel=1e-12)
+
+
+def test_of_several_inputs_that_hold_the_first_reference_the_recorded_one_is_taken():
+    square = {"y[k-1]": 0.5, "u[k-1]^2": 1.0, "u[k-1]*u[k-2]": 1.0}  # rests where 2 u^2 = y/2
+    known = {"u": (-4.0, -1.8, 4.0), "y": (0.0, 16.0, 64.0)}
+
+    def first(reference, recorded=None, **settings):
+        model = NARXModel.from_equations(square, recorded=recorded or {})
+        return RootCompensator(model, **settings).fit().compensate([reference] * 2).m[0]
+
+    assert first(16.0) == pytest.approx(2.0)
+    assert first(16.0, limits=(-9.0, -1.0)) == pytest.approx(-2.0)
+    assert first(16.0, known) == pytest.approx(-2.0)
+    assert first(16.0, known, branch="rising") == pytest.approx(2.0)  # too low at -1.8
+    assert first(16.0, limits=(-1.5, 1.0)) == -1.5  # comes nearest
+    assert first(-16.0) == 0.0
+    u = -2.0 + 0.1 * np.random.default_rng(0).normal(size=200)
+    model = NARXModel.from_equations(square)
+    fitted = RootCompensator(model, limits=(-9, 9)).fit(u, free_run(model, u, y_init=[16.0, 16.0]).y)
+    assert fitted.predict([16.0, 16.0])[0] == pytest.approx(-2.0)
+
+
+def test_the_first_input_counts_other_inputs_and_an_operating_point():
+    model = NARXModel.from_equations(
+        "0.5*y[k-1] + 0.1*u[k-1] + 0.3*u[k-2]*w[k-1]^2 + 7*phi1[k-1]",
+        inputs=["w", "u"],
+        phi=[DifferenceSign("w")],
+        origin={"y": 20.0, "u": 1.0},
+    )
+    compensator = RootCompensator(model, input_name="u").fit()
+    m = compensator.predict(np.tile([30.0, 2.0], (4, 1)))
+    np.testing.assert_allclose(m, 1.0 + 0.5 * 10.0 / (0.1 + 0.3 * 4.0))
+
+
+def test_an_inverse_law_begins_at_its_own_rest():
+    model = NARXModel.from_equations("0.9995*u[k-1] + y[k-1]", outputs=["u"], inputs=["y"])
+    m = InverseCompensator(model).fit().predict(np.full(4, 0.25))
+    np.testing.assert_allclose(m, 500.0, rtol=1e-9)
+
+
 def test_compensators_survive_clone_and_pickle():
     compensator = RootCompensator(M_R, limits=(-80, 80), policy="nearest").fit()
     again = pickle.loads(pickle.dumps(compensator))

@@ -19,8 +19,9 @@ from narx_sklearn._validation import (
     session_slices,
     split_unit,
 )
+from narx_sklearn.compensation._polynomial_roots import WIDEST, held_root
 from narx_sklearn.compensation.c_code import c_source
-from narx_sklearn.compensation.derive import check_width
+from narx_sklearn.compensation.derive import check_width, static_powers
 from narx_sklearn.compensation.law import (
     BRANCHES,
     POLICIES,
@@ -35,6 +36,7 @@ from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
+from narx_sklearn.model.terms import Variable
 from narx_sklearn.model.times import step_of_rows
 from narx_sklearn.model.units import compare_units
 
@@ -103,6 +105,8 @@ class Compensator(BaseEstimator):
         if self.limits is None:
             limits = self._known_range(applied, needed=law.method == "search")
         self._is_continuum = law.keeps_rest
+        is_equation = isinstance(self.model_, NARXModel)
+        self._static = static_powers(self.model_, self._driving()) if is_equation else None
         self._told = self._told_of(y, law)
         self.law_ = replace(
             law, limits=limits, rate_limit=rate_limit, keeps_rest=law.keeps_rest and self.keep_rest, **choices
@@ -164,11 +168,14 @@ class Compensator(BaseEstimator):
             Reference, in the unit of the output; with a model of several inputs the others beside it. It may
             be read ahead, and is held after its end.
         m_init : float, default=None
-            Input held before the first sample. None takes the one that holds the first reference. Where the
-            model can rest anywhere, many do; it is then the one on the straight line through the record, or
-            between the least, the mean and the largest values that the model keeps of it
-            (``model.recorded``). Without either it is as large as the first reference, though in another
-            unit: pass ``m_init``.
+            Input held before the first sample. None takes the one that holds the first reference: the
+            solution of the model's static equation, all its signals held. Of several solutions within
+            ``limits`` it is the nearest to the straight line through the record, or between the least, the
+            mean and the largest values that the model keeps of it (``model.recorded``), or without either to
+            zero, where there is none the input that comes nearest to solving it. A model with functions of
+            the user's or with memory has no such equation: its law is run until it settles.
+            Where the model can rest anywhere, every input holds; it is then the one on that line. Without a
+            record it is as large as the first reference, though in another unit: pass ``m_init``.
 
         Returns
         -------
@@ -408,10 +415,38 @@ class Compensator(BaseEstimator):
         guess = float(min(max(guess, low), high))
         if self._is_continuum:
             return guess
+        held = self._holding_input(known, guess)
+        if held is not None:
+            return held
         row = np.asarray(known, dtype=float).reshape(1, -1)
         settled = self.law_.run(np.repeat(row, SETTLING, axis=0), m=guess).m
         calm = abs(settled[-1] - settled[-2]) <= 1e-9 * (1.0 + abs(settled[-1]))
-        return float(settled[-1]) if calm else guess
+        ran_away = abs(settled[-1]) > WIDEST  # and is kept there, because the next would not be finite
+        return float(settled[-1]) if calm and not ran_away else guess
+
+    def _holding_input(self, known, guess: float) -> float | None:
+        """Return the input at which the model's static equation holds, of several the nearest to a guess.
+
+        Where there is none within the limits it is the one that comes nearest, and None where there is no
+        such equation.
+        """
+        if self._static is None:
+            return None
+        values = np.asarray(known, dtype=float).reshape(-1)
+        names = (self._followed(), *self._other_inputs())
+        held = {Variable(name, 0): value for name, value in zip(names, values, strict=True)}
+        c = np.trim_zeros(np.array([float(power(held)) for power in self._static]), "b")
+        low, high = self.law_.limits
+        if c.size < 2 or not np.isfinite(c).all():
+            return None
+        if self._line is None and self._middle is None:
+            guess = float(min(max(0.0, low), high))  # the reference's number says nothing of an input
+        too_low = -float(np.polynomial.polynomial.polyval(guess, c))
+        return held_root(c, low, high, guess, too_low * BRANCHES[self.law_.branch])
+
+    def _other_inputs(self) -> tuple[str, ...]:
+        """Return what the model calls its inputs that are known."""
+        return tuple(s for s in self.model_.inputs if s not in (self._driving(), self._followed()))
 
     def _check_limits(self) -> tuple[tuple[float, float], float]:
         given = (-np.inf, np.inf) if self.limits is None else self.limits

@@ -18,6 +18,7 @@ TIGHT = 4.0 * np.finfo(float).eps
 MAX_ITERATIONS = 200  # bisection alone ends a double's exponent range and digits within this
 FEW_ITERATIONS = 12  # from the last input Newton's iteration arrives within these, or starts from too far
 ALIKE = 1e-9  # relative: sizes and moves that differ by less tie, so that no rounding chooses between them
+REAL = 1e-6  # relative imaginary part under which a root is real; a double root is known to sqrt(eps)
 WIDEST = 1e15  # end of an interval without limit when not even the coefficients bound the roots
 
 
@@ -272,3 +273,56 @@ def smallest_value(c, degree, start, end, chain, work):
         if size < least * (1.0 - ALIKE):
             best, least = work[0, i], size
     return best, least
+
+
+def held_root(c, low: float, high: float, near: float, side: float = 0.0) -> float:
+    """Return the root of a polynomial in [low, high] nearest to a point, or what comes nearest to a root.
+
+    Slow and of the whole line, where the kernels look from the last input outwards.
+
+    Parameters
+    ----------
+    c : ndarray of shape (n,)
+        Coefficients, lowest power first; of degree 1 at least.
+    low, high : float
+        Ends, maybe infinite.
+    near : float
+        The point, in [low, high]. Of two roots as near the upper one is taken.
+    side : float, default=0.0
+        Positive (negative): roots above (below) ``near`` come first, and the others only without one there.
+
+    Returns
+    -------
+    float
+        Where there is no root in [low, high]: the point of least size, the nearest one of those that tie.
+    """
+    slopes = np.polynomial.polynomial.polyder(c)
+    roots = _polished(c, slopes, _real_roots(c))
+    roots = roots[(roots >= low) & (roots <= high)]
+    if roots.size:
+        ahead = roots[(roots - near) * side > 0.0]
+        return _nearest(ahead if ahead.size else roots, near)
+    turns = _real_roots(slopes) if c.size > 2 else np.empty(0)
+    points = np.array([x for x in (low, high, *turns) if np.isfinite(x) and low <= x <= high])
+    if not points.size:  # no limits, and roots so multiple that rounding hides them
+        return near
+    sizes = np.abs(np.polynomial.polynomial.polyval(points, c))
+    return _nearest(points[sizes <= sizes.min() * (1.0 + ALIKE)], near)
+
+
+def _real_roots(c) -> np.ndarray:
+    roots = np.polynomial.polynomial.polyroots(c)
+    return roots[np.abs(roots.imag) <= REAL * np.abs(roots)].real
+
+
+def _polished(c, slopes, roots: np.ndarray) -> np.ndarray:
+    """Return the roots after a Newton step each, where that comes nearer to zero."""
+    value, slope = (np.polynomial.polynomial.polyval(roots, p) for p in (c, slopes))
+    stepped = roots - np.divide(value, slope, out=np.zeros_like(value), where=slope != 0.0)
+    is_nearer = np.abs(np.polynomial.polynomial.polyval(stepped, c)) < np.abs(value)
+    return np.where(is_nearer, stepped, roots)
+
+
+def _nearest(points: np.ndarray, near: float) -> float:
+    distances = np.abs(points - near)
+    return float(points[distances <= distances.min() * (1.0 + ALIKE)].max())

@@ -14,6 +14,7 @@ from narx_sklearn.model.terms import Term, Variable
 __all__ = ["inverse_law", "isolated_law", "root_law", "root_polynomials", "smooth_signs"]
 
 Element = Phi | FunctionElement
+NEGLIGIBLE = 1e-11  # of the sum of magnitudes: coefficients that cancel to this are zero to rounding
 NOW = Variable(INPUT, 0)
 BEFORE = Variable(INPUT, 1)
 
@@ -273,6 +274,50 @@ def isolated_law(model: NARXModel, *, input_name: str | None = None) -> Compensa
         redirected.others,
         keeps_rest=redirected.rests,
     )
+
+
+def static_powers(model: NARXModel, wanted: str) -> tuple[Polynomial, ...] | None:
+    """Return the coefficients of the powers of a signal in a model's static equation, ``0 = F - y``.
+
+    All signals are held, so that differences and their signs are zero; what is known stands at lag 0.
+
+    Parameters
+    ----------
+    model : NARXModel
+        Model with one output.
+    wanted : str
+        The input or the output that the equation is to be solved for.
+
+    Returns
+    -------
+    tuple of Polynomial or None
+        None where a phi regressor does not rest at zero (a function of the user's, or one with memory), or
+        the wanted signal does not count at rest.
+
+    Examples
+    --------
+    >>> from narx_sklearn.compensation.derive import static_powers
+    >>> from narx_sklearn.model import NARXModel
+    >>> model = NARXModel.from_equations("0.5*y[k-1] + 2*u[k-1] + u[k-2] + 0.1*u[k-1]*u[k-2]")
+    >>> [str(c) for c in static_powers(model, "u")]
+    ['-0.5*y[k]', '3', '0.1']
+    """
+    model = model.expanded()
+    rests = {str(p.name): p.expansion(0) == Polynomial() for p in model.phi}
+    total: dict[Term, float] = {Term.of(Variable(model.outputs[0], 0)): -1.0}
+    sizes = dict.fromkeys(total, 1.0)
+    for term, value in model.equation().items:
+        at_rest = [rests[s] for s in term.signals if s in rests]
+        if not all(at_rest):
+            return None
+        if at_rest:
+            continue
+        held = Term.of(*(Variable(v.signal, 0) for v in term.expanded))
+        total[held] = total.get(held, 0.0) + value
+        sizes[held] = sizes.get(held, 0.0) + abs(value)
+    kept = {term: value for term, value in total.items() if abs(value) > NEGLIGIBLE * sizes[term]}
+    powers = Polynomial(kept).collect(Variable(wanted, 0))
+    return powers if len(powers) > 1 else None
 
 
 def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
