@@ -1,6 +1,7 @@
 """Compensators as estimators: identification, limits, on-line steps, scoring, physics, errors."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -400,6 +401,55 @@ def test_the_amplifying_law_is_announced_when_it_is_fitted():
     u = np.random.default_rng(0).normal(size=300)
     with pytest.warns(AmplificationWarning, match=r"1\.2-fold a sample"):
         IsolatedCompensator(unstable, limits=(-9, 9)).fit(u.reshape(-1, 1), u)
+
+
+OUTWEIGHED = "0.5*y[k-1] + 0.3*u[k-1] + 0.4*u[k-2]"  # by the input before the newest
+
+
+@pytest.mark.parametrize("kind", [RootCompensator, IsolatedCompensator])
+def test_a_model_whose_law_amplifies_is_announced_at_its_own_operating_point(kind):
+    with pytest.warns(AmplificationWarning, match=r"where 0 holds the output at 0 .* grow 1\.333-fold"):
+        kind(NARXModel.from_equations(OUTWEIGHED)).fit()
+    # the older input weighs 0.2 y: less than the newest one below y = 1.5, more above
+    bilinear = "0.5*y[k-1] + 0.3*u[k-1] + 0.2*u[k-2]*y[k-1]"
+    for mean, grows in ((1.0, False), (3.0, True)):
+        recorded = {"y": (0.0, mean, 4.0), "u": (-9.0, 1.0, 9.0)}
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            kind(NARXModel.from_equations(bilinear, recorded=recorded)).fit()
+        assert [w.category for w in told] == [AmplificationWarning] * grows
+    beside = NARXModel.from_equations("0.5*y[k-1] + u[k-1] + 1.5*u[k-2] + w[k-1]", inputs=["u", "w"])
+    with pytest.warns(AmplificationWarning, match=r"1\.5-fold"):
+        kind(beside).fit()
+
+
+def test_a_law_whose_input_turns_signs_is_not_judged_at_rest():
+    signs = NARXModel.from_equations("0.5*y[k-1] + u[k-1] + 0.1*phi1[k-2]", phi=[DifferenceSign("u")])
+    RootCompensator(signs).fit()
+
+
+@pytest.mark.filterwarnings("ignore::narx_sklearn.compensation.AmplificationWarning")
+@pytest.mark.parametrize("kind", [RootCompensator, IsolatedCompensator])
+@pytest.mark.parametrize("n_samples", [300, 5000])
+def test_an_input_that_ran_away_is_told_as_such_whether_or_not_it_left_the_finite_range(kind, n_samples):
+    compensator = kind(NARXModel.from_equations(OUTWEIGHED)).fit()
+    r = 0.5 + 0.4 * np.sin(np.arange(n_samples) / 15)
+    with pytest.warns(UnreachableWarning) as told:
+        m = compensator.predict(r)
+    assert len(told) == 1
+    message = str(told[0].message)
+    low, high = r.min() * 0.5 / 0.7, r.max() * 0.5 / 0.7  # hold the reference's ends
+    first = int(np.argmax(np.maximum(m - high, low - m) > 1e3 * (high - low)))
+    wanted = f"usual inputs are {low:.4g} to {high:.4g}, but from sample {first} of {n_samples} on"
+    assert wanted in message
+    assert f"goes as far as {np.abs(m).max():.3g}" in message
+    assert "1.333-fold" in message
+    assert "no admissible" not in message
+
+
+def test_a_slow_machine_may_want_thousandfold_inputs():
+    slow = RootCompensator(NARXModel.from_equations("0.9999*y[k-1] + 0.0001*u[k-1]")).fit()
+    assert slow.predict([0.0, 0.0, 1.0, 1.0]).max() == pytest.approx(1e4)
 
 
 def test_smooth_signs_soften_the_input_at_reversals():

@@ -31,7 +31,11 @@ from narx_sklearn.compensation.law import (
     UnreachableWarning,
     warn_if_unreachable,
 )
-from narx_sklearn.compensation.stability import warn_if_amplifying
+from narx_sklearn.compensation.stability import (
+    warn_if_amplifying,
+    warn_if_amplifying_at_rest,
+    warn_if_run_away,
+)
 from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.model.narx import NARXModel
@@ -77,7 +81,9 @@ class Compensator(BaseEstimator):
         Warns
         -----
         AmplificationWarning
-            If the law amplifies small errors of its own input along the first samples of the record.
+            If the law amplifies small errors of its own input along the first samples of the record; or,
+            where the model is given without one, at rest at the mean output that the model keeps of its own
+            record, or else at zero.
         """
         self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
         _check_is_no_simulator(self.model)
@@ -116,6 +122,9 @@ class Compensator(BaseEstimator):
             finite = data[1][np.isfinite(data[1]).all(axis=1)][:CHECKED_SAMPLES]
             if not self.law_.others:
                 warn_if_amplifying(self.law_, finite, m=self._first_input(finite[0]))
+        else:
+            level = self._mean_of_record()
+            warn_if_amplifying_at_rest(self.law_, level, m=self._first_input(level))
         return self
 
     def _identify_law(self, X, y, sessions) -> CompensationLaw:
@@ -195,12 +204,19 @@ class Compensator(BaseEstimator):
             period than the model's, or rows that are missing, uneven or out of order.
         UnreachableWarning
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
-            if the first reference, at which the model may rest, lies beyond what was recorded.
+            if the first reference, at which the model may rest, lies beyond what was recorded; if the law
+            runs away: it amplifies its errors, and its input left a thousand times the recorded range, or
+            the range of the inputs that hold the reference.
         """
         run = self.compensate(X, m_init)
+        reference = as_signals(X, "X")
         if m_init is None and self._is_continuum:
-            self._warn_if_begun_beyond(float(as_signals(X, "X")[0, 0]))
-        warn_if_unreachable(run.counts, self.law_)
+            self._warn_if_begun_beyond(float(reference[0, 0]))
+        ran_away = False
+        if not np.isfinite(self.law_.limits).all():  # else the limits that cut it are told
+            ran_away = warn_if_run_away(self.law_, reference, run.m, self._usual_inputs(reference, m_init))
+        if not ran_away:
+            warn_if_unreachable(run.counts, self.law_)
         return run.m
 
     def compensate(self, X, m_init=None) -> LawRun:
@@ -443,6 +459,25 @@ class Compensator(BaseEstimator):
             guess = float(min(max(0.0, low), high))  # the reference's number says nothing of an input
         too_low = -float(np.polynomial.polynomial.polyval(guess, c))
         return held_root(c, low, high, guess, too_low * BRANCHES[self.law_.branch])
+
+    def _usual_inputs(self, reference: np.ndarray, m_init) -> list[float]:
+        """Return the input before the first sample, and between which inputs a reference is usually followed.
+
+        These are the ends of the recorded range; where none is known, the inputs that hold the least and the
+        largest reference.
+        """
+        start = self._first_input(reference[0]) if m_init is None else float(m_init)
+        recorded = self._recorded()[1]
+        if recorded is not None:
+            return [start, recorded[0], recorded[2]]
+        ends = reference[:, 0].argmin(), reference[:, 0].argmax()
+        return [start, *(self._first_input(reference[k]) for k in ends)]
+
+    def _mean_of_record(self) -> np.ndarray:
+        """Return the mean of the followed output and of the other inputs, zero where no record tells."""
+        recorded = getattr(self.model_, "recorded", {})
+        names = (self._followed(), *self._other_inputs()) if self.law_.others else (self._followed(),)
+        return np.array([recorded.get(name, (0.0, 0.0, 0.0))[1] for name in names])
 
     def _other_inputs(self) -> tuple[str, ...]:
         """Return what the model calls its inputs that are known."""

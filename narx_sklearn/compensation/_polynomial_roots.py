@@ -325,4 +325,4 @@ def _polished(c, slopes, roots: np.ndarray) -> np.ndarray:
 
 def _nearest(points: np.ndarray, near: float) -> float:
     distances = np.abs(points - near)
-    return float(points[distances <= distances.min() * (1.0 + ALIKE)].max())
+    return float(points[distances <= distances.min() * (1.0 + ALIKE)].max()) + 0.0  # no -0.0

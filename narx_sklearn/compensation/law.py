@@ -369,7 +369,7 @@ class CompensationLaw:
 
 
 class UnreachableWarning(NarxWarning):
-    """A compensator could not satisfy its law, or limits cut its input or the input's change."""
+    """A compensator could not satisfy its law, ran away, or limits cut its input or the input's change."""
 
 
 @dataclass(frozen=True)

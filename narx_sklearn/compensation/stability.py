@@ -6,14 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from narx_sklearn.compensation import _kernels as kernels
-from narx_sklearn.compensation.law import CompensationLaw
+from narx_sklearn.compensation.law import INPUT, CompensationLaw, UnreachableWarning
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.model.kernels import ASYMMETRIC_SIGN, DIFFERENCE_SIGN
 
 __all__ = ["AmplificationWarning", "LawStability", "law_stability"]
 
 N_CHECKED = 2000  # most samples at which the Jacobian is evaluated, spread over the reference
 FORGOTTEN = 1e6  # growth of an error beyond which the end of a run is its divergence
 STEP = 1e-6  # of the range of the inputs: the difference quotients' step
+RESTING = 1e-9  # of the largest input: less is no motion but rounding
+RUN_AWAY = 1e3  # ranges of the input, beyond which a law that amplifies has run away
+WAYS_OUT = (
+    "Limits and a rate limit bound the damage; better use a model with fewer past inputs, or "
+    "InverseCompensator, with a longer lead if it is one."
+)
+JUMPS = (DIFFERENCE_SIGN, ASYMMETRIC_SIGN)  # elements that have no derivative at rest
 TOLERATED = 1e-3  # growth a sample beyond 1 that counts: a thousandfold error in seven thousand samples
 
 
@@ -98,12 +106,20 @@ def law_stability(law: CompensationLaw, reference, *, m: float = 0.0) -> LawStab
             f"law must be a CompensationLaw, got {type(law).__name__}. Of a fitted compensator pass "
             "compensator.law_."
         )
+    return _stability_along(law, reference, m)
+
+
+def _stability_along(law: CompensationLaw, reference, m: float, size: float | None = None) -> LawStability:
+    """Return `law_stability`; ``size`` is the range of the inputs, None takes that of the run itself."""
     known = np.ascontiguousarray(np.asarray(reference, dtype=float).reshape(-1, len(law.known)))
     every = max(1, -(-known.shape[0] // N_CHECKED))  # rounded up, so that the samples checked reach the end
     n_checked = -(-known.shape[0] // every)
     state, ahead = law.begin(known, m)
-    inputs = law.run(known, m=m).m
-    size = np.ptp(inputs) or np.abs(inputs).max() or 1.0
+    if size is None:
+        inputs = law.run(known, m=m).m
+        largest = np.abs(inputs).max()
+        moved = np.ptp(inputs)
+        size = float(moved if moved > RESTING * largest else largest or 1.0)
     slopes = np.zeros((n_checked, law.n_past_inputs))
     integers, numbers = law.packed
     unlimited = numbers.copy()
@@ -131,6 +147,62 @@ def warn_if_amplifying(law: CompensationLaw, reference, *, m: float) -> LawStabi
             stacklevel=3,
         )
     return found
+
+
+def warn_if_amplifying_at_rest(law: CompensationLaw, known: np.ndarray, *, m: float) -> None:
+    """Warn where a law amplifies small errors about a steady state; known signals and input are held there.
+
+    A law that does not rest there, or that jumps where its input turns, has no Jacobian to be looked at.
+    """
+    if any(e.kind in JUMPS and e.signal == INPUT for e in law.elements):
+        return
+    held = np.tile(known, (law.horizon + law.n_past_inputs + 2, 1))
+    run = law.run(held, m=m)
+    if run.counts.no_solution or np.abs(run.m - m).max() > STEP * (1.0 + abs(m)):
+        return
+    radius = law_stability(law, held, m=m).radius[-1]
+    if radius > 1.0 + TOLERATED:
+        warnings.warn(
+            f"The compensator amplifies its own errors: it computes an input from those before, and where "
+            f"{m:.4g} holds the output at {known[0]:.4g} their errors grow {radius:.4g}-fold a sample. Along "
+            f"a reference that moves the input runs away. {WAYS_OUT}",
+            AmplificationWarning,
+            stacklevel=3,
+        )
+
+
+def warn_if_run_away(law: CompensationLaw, reference, inputs: np.ndarray, held) -> bool:
+    """Tell whether a law ran away along a reference because it amplifies its errors, warning where it did.
+
+    Parameters
+    ----------
+    law : CompensationLaw
+        The law.
+    reference : ndarray of shape (n_samples, n_known)
+        Reference and other known signals.
+    inputs : ndarray of shape (n_samples,)
+        What the law gave.
+    held : sequence of float
+        Inputs between which such a reference is usually followed, the one held before the first sample first.
+    """
+    low, high = min(held), max(held)
+    size = (high - low) or max(abs(low), abs(high)) or 1.0
+    beyond = np.maximum(inputs - high, low - inputs) > RUN_AWAY * size
+    if not beyond.any():
+        return False
+    first = int(beyond.argmax())
+    radius = np.median(_stability_along(law, reference[: first + 1], held[0], size).radius)
+    if radius <= 1.0 + TOLERATED:  # a machine that follows slowly wants large inputs
+        return False
+    warnings.warn(
+        f"The law runs away: its usual inputs are {low:.4g} to {high:.4g}, but from sample {first} of "
+        f"{inputs.size} on the input lies beyond {RUN_AWAY:g} times that range, and goes as far as "
+        f"{np.abs(inputs).max():.3g}. It computes an input from those before and amplifies their errors "
+        f"{radius:.4g}-fold a sample. {WAYS_OUT}",
+        UnreachableWarning,
+        stacklevel=3,
+    )
+    return True
 
 
 def _summarise(slopes: np.ndarray, every: int) -> LawStability:
