@@ -268,6 +268,24 @@ def test_an_inverse_law_begins_at_its_own_rest():
     np.testing.assert_allclose(m, 500.0, rtol=1e-9)
 
 
+def test_columns_that_are_called_as_in_a_law_keep_their_names_outside_of_it():
+    rng = np.random.default_rng(0)
+    X = pd.DataFrame(rng.normal(size=(400, 3)), columns=["u [V]", "d", "m [kg]"])
+    y = np.zeros(400)
+    u, d, m = X.to_numpy().T
+    for k in range(1, 400):
+        y[k] = 0.5 * y[k - 1] + u[k - 1] + 0.3 * d[k - 1] + 0.2 * m[k - 1] * u[k - 1]
+    compensator = RootCompensator(NARXRegressor(1, 1, degree=2), limits=(-9, 9)).fit(
+        X, pd.Series(y, name="r")
+    )
+    assert compensator.law_.others == ("d", "m_")
+    with pytest.raises(ValueError, match="the law needs 3: the reference, d, m\\."):
+        compensator.predict(y)
+    with pytest.warns(NarxWarning, match=r"'m \[s\]' states another unit than the model's input 'm \[kg\]'"):
+        compensator.predict(pd.DataFrame(np.column_stack([y, d, m]), columns=["r", "d", "m [s]"]))
+    np.testing.assert_allclose(compensator.predict(np.column_stack([y, d, m]), m_init=u[0])[:-1], u[:-1])
+
+
 def test_compensators_survive_clone_and_pickle():
     compensator = RootCompensator(M_R, limits=(-80, 80), policy="nearest").fit()
     again = pickle.loads(pickle.dumps(compensator))

@@ -624,7 +624,6 @@ def test_smooth_signs_replace_every_sign_and_nothing_else():
             root_polynomials,
             r"flattened\(m\[k\], r\[k\]\).* no polynomial",
         ),
-        (NARXModel.from_equations("y[k-1] + m[k-1] + u[k-1]", inputs=["u", "m"]), root_law, "rename"),
         (
             NARXModel.from_equations({"y1": "u[k-1]", "y2": "u[k-1]"}, outputs=["y1", "y2"]),
             root_law,
@@ -637,6 +636,55 @@ def test_smooth_signs_replace_every_sign_and_nothing_else():
 def test_models_that_allow_no_law_are_refused(model, derive, message):
     with pytest.raises(ValueError, match=message):
         derive(model)
+
+
+NAMED = {
+    "plain": ("s", "a", "b", "c", "f"),
+    "as the law's": ("y", "u", "m", "r", "d"),
+    "the other way round": ("m", "r", "d", "u", "r_"),
+    "with underscores": ("y", "u", "r", "m_", "m"),
+}
+
+
+def named(y, u, v, w, f):
+    """The same model in other names: an output, three inputs and a phi regressor."""
+    return NARXModel.from_equations(
+        f"0.5*{y}[k-1] + {u}[k-1] + 0.2*{u}[k-1]^3 + 0.3*{v}[k-1] + 0.1*{w}[k-2]*{y}[k-1]"
+        f" + 0.2*{f}[k-1] + 0.1*{f}[k-2]",
+        outputs=[y],
+        inputs=[u, v, w],
+        phi=[DifferenceSign(u, name=f)],
+    )
+
+
+@pytest.mark.parametrize("names", NAMED.values(), ids=NAMED)
+def test_a_law_is_the_same_whatever_the_model_calls_its_signals(names):
+    known = np.column_stack([smooth_reference(60), *(0.3 * smooth_reference(60, seed=i) for i in (1, 2))])
+    law = root_law(named(*names))
+    plain = root_law(named(*NAMED["plain"])).run(known).m
+    np.testing.assert_allclose(law.run(known).m, plain, rtol=1e-12)  # sums are in the order of names
+    assert len(set(law.channels)) == 5
+    text = str(law)
+    assert f"m[k] = m[k-1] + {law.move}, the root nearest" in text
+    assert f"loading, {law.move} > 0" in text
+    assert law.move not in law.channels
+    assert "law_step(law_state *s, double known0, double known1, double known2)" in c_source(law, "law")
+
+
+def test_an_inverse_law_makes_way_for_its_letters():
+    text = "0.5*u[k-1] + y[k-1] + 0.2*{0}[k-1]*y[k-2]"
+    laws = [
+        inverse_law(
+            NARXModel.from_equations(
+                text.format(f), outputs=["u"], inputs=["y"], phi=[FunctionPhi(np.tanh, ["u[k]"], name=f)]
+            ),
+            2,
+        )
+        for f in ("f", "m", "r", "d")
+    ]
+    found = [law.run(smooth_reference(40)).m for law in laws]
+    for m in found[1:]:
+        np.testing.assert_allclose(m, found[0], rtol=1e-12)
 
 
 # -- functions of the user's --------------------------------------------------------------------------------

@@ -240,7 +240,7 @@ class Compensator(BaseEstimator):
         if reference.shape[1] != len(self.law_.known):
             raise ValueError(
                 f"X has {reference.shape[1]} columns; the law needs {len(self.law_.known)}: the reference"
-                f"{''.join(', ' + s for s in self.law_.others)}."
+                f"{''.join(', ' + s for s in self._other_inputs(self.law_))}."
             )
         if not np.all(np.isfinite(reference)):
             row = int(np.flatnonzero(~np.isfinite(reference).all(axis=1))[0])
@@ -357,7 +357,7 @@ class Compensator(BaseEstimator):
         labelled, unit = split_unit(label) if isinstance(label, str) else (None, None)
         followed = self._followed()
         told = [("output", labelled or followed, units.get(followed) or unit or "")]
-        told += [("input", name, units.get(name, "")) for name in law.others]
+        told += [("input", name, units.get(name, "")) for name in self._other_inputs(law)]
         return tuple((f"the model's {role} '{name} [{unit}]'", unit) for role, name, unit in told)
 
     def _followed(self) -> str:
@@ -449,7 +449,7 @@ class Compensator(BaseEstimator):
         if self._static is None:
             return None
         values = np.asarray(known, dtype=float).reshape(-1)
-        names = (self._followed(), *self._other_inputs())
+        names = (self._followed(), *self._other_inputs(self.law_))
         held = {Variable(name, 0): value for name, value in zip(names, values, strict=True)}
         c = np.trim_zeros(np.array([float(power(held)) for power in self._static]), "b")
         low, high = self.law_.limits
@@ -476,12 +476,12 @@ class Compensator(BaseEstimator):
     def _mean_of_record(self) -> np.ndarray:
         """Return the mean of the followed output and of the other inputs, zero where no record tells."""
         recorded = getattr(self.model_, "recorded", {})
-        names = (self._followed(), *self._other_inputs()) if self.law_.others else (self._followed(),)
+        names = self._followed(), *self._other_inputs(self.law_)
         return np.array([recorded.get(name, (0.0, 0.0, 0.0))[1] for name in names])
 
-    def _other_inputs(self) -> tuple[str, ...]:
-        """Return what the model calls its inputs that are known."""
-        return tuple(s for s in self.model_.inputs if s not in (self._driving(), self._followed()))
+    def _other_inputs(self, law: CompensationLaw) -> tuple[str, ...]:
+        """Return what the model calls the other known signals of a law."""
+        return tuple(s for s in self.model_.inputs if s != self._driving()) if law.others else ()
 
     def _check_limits(self) -> tuple[tuple[float, float], float]:
         given = (-np.inf, np.inf) if self.limits is None else self.limits

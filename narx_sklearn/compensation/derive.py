@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
-from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw, FunctionElement
+from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw, FunctionElement, free_name
 from narx_sklearn.model.narx import NARXModel, replace_name
 from narx_sklearn.model.phi import DifferenceSign, FunctionPhi, Phi, SmoothSign
 from narx_sklearn.model.polynomials import Polynomial
@@ -97,17 +97,18 @@ def check_width(width, name: str) -> None:
 def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
     """Write a model as (4.8): in r and m, shifted so that the newest input is m[k].
 
+    Other signals keep their names; one that is itself called ``m`` or ``r`` gets an underscore.
+
     Raises
     ------
     ValueError
-        If the model has several outputs, the input is not one of its inputs or does not occur, or another
-        name is ``m`` or ``r``.
+        If the model has several outputs, or the input is not one of its inputs or does not occur.
     """
     model, name, output = _readable(model, input_name)
-    renamed = _renamer({output: REFERENCE, name: INPUT})
+    renamed = _renamer(model, {output: REFERENCE, name: INPUT})
     side = _rename(model.equation(), renamed)
     used = [p for p in model.phi if p.name in model.library.signals]
-    newest = {p.name: min(v.lag for v in side.variables if v.signal == p.name) for p in used}
+    newest = {p.name: _newest(side, renamed(str(p.name))) for p in used}
     lags = [v.lag for v in side.variables if v.signal == INPUT]
     lags += [newest[p.name] + v.lag for p in used for v in p.arguments if v.signal == name]
     if not lags:
@@ -121,7 +122,7 @@ def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
         _from_newest(side.shift(-delay), elements),
         Variable(REFERENCE, -delay),
         elements,
-        tuple(s for s in model.inputs if s != name),
+        tuple(renamed(s) for s in model.inputs if s != name),
         _rests(side, elements, REFERENCE),
     )
 
@@ -208,7 +209,7 @@ def root_law(model: NARXModel, *, input_name: str | None = None) -> Compensation
     if regimes is None:
         equation = redirected.side - Polynomial.variable(redirected.target)
         return CompensationLaw("search", (equation,), redirected.elements, **fields)
-    move = Variable(MOVE, 0)
+    move = Variable(free_name(MOVE, {v.signal for side in regimes for v in side.variables}), 0)
     moved = Polynomial.variable(BEFORE) + Polynomial.variable(move)
     sides = [side.substitute({NOW: moved}).collect(move) for side in regimes]
     degree = max(len(side) for side in sides) - 1
@@ -352,16 +353,16 @@ def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
     m[k] = 2*r[k+1] - 2*r[k] + m[k-1]
     """
     model, name, output = _readable(model, None)
-    renamed = _renamer({output: INPUT, name: REFERENCE})
+    renamed = _renamer(model, {output: INPUT, name: REFERENCE})
     side = _rename(model.equation(), renamed)
     used = [p for p in model.phi if p.name in model.library.signals]
-    of_input = {INPUT, *(p.name for p in used if p.signals == {output})}
+    of_input = {INPUT, *(renamed(str(p.name)) for p in used if p.signals == {output})}
     if all(v.signal in of_input for v in side.variables):
         raise ValueError(
             "The inverse model reads no output of the machine, so its law would not follow a reference "
             f"(Assumption 4.5): {model.equation()}."
         )
-    newest = {p.name: min(v.lag for v in side.variables if v.signal == p.name) for p in used}
+    newest = {p.name: _newest(side, renamed(str(p.name))) for p in used}
     elements = tuple(_element(p, renamed, newest[p.name], lead) for p in used)
     rests = _rests(side, elements, INPUT)
     stay = of_input | {e.name for e in elements if isinstance(e, FunctionElement)}
@@ -382,18 +383,20 @@ def _readable(model: NARXModel, input_name: str | None) -> tuple[NARXModel, str,
     name = model.inputs[0] if input_name is None else input_name
     if name not in model.inputs:
         raise ValueError(f"input_name={name!r} is not among the model's inputs {list(model.inputs)}.")
-    output = model.outputs[0]
-    reserved = {INPUT, REFERENCE, MOVE} & (set(model.channels) - {name, output})
-    if reserved:
-        raise ValueError(
-            f"The model calls a signal {sorted(reserved)}, letters that a law keeps for its input, its "
-            "reference and the input's move; rename it."
-        )
-    return model.expanded(), name, output
+    return model.expanded(), name, model.outputs[0]
 
 
-def _renamer(names: dict[str, str]) -> Callable[[str], str]:
+def _renamer(model: NARXModel, names: dict[str, str]) -> Callable[[str], str]:
+    """Return what a law calls a signal: as it is renamed, and others out of the way of these."""
+    names = dict(names)
+    for other in {INPUT, REFERENCE} & (set(model.channels) - names.keys()):
+        names[other] = free_name(other, {INPUT, REFERENCE, *model.channels})
     return lambda signal: names.get(signal, signal)
+
+
+def _newest(side: Polynomial, signal: str) -> int:
+    """Return the least lag of a signal."""
+    return min(v.lag for v in side.variables if v.signal == signal)
 
 
 def _rename(side: Polynomial, renamed: Callable[[str], str]) -> Polynomial:
@@ -410,10 +413,10 @@ def _element(phi: Phi, renamed: Callable[[str], str], newest: int, lead: int = 0
     one of sample k. What it is called with then tells whether it waits for m[k].
     """
     if not isinstance(phi, FunctionPhi):
-        return replace(replace_name(phi, str(phi.name)), signal=renamed(phi.signal))
+        return replace(replace_name(phi, renamed(str(phi.name))), signal=renamed(phi.signal))
     of = (Variable(renamed(v.signal), v.lag + newest) for v in phi.of)
     moved = (v.shift(-lead) if v.signal == REFERENCE else v for v in of)
-    return FunctionElement(phi.function, tuple(moved), str(phi.name))
+    return FunctionElement(phi.function, tuple(moved), renamed(str(phi.name)))
 
 
 def _from_newest(side: Polynomial, elements: tuple[Element, ...]) -> Polynomial:

@@ -50,7 +50,8 @@ class IsolatedCompensator(Compensator):
     model_ : NARXModel
         The model.
     law_ : CompensationLaw
-        The law (4.23); ``law_.horizon`` is the delay of the model.
+        The law (4.23); ``law_.horizon`` is the delay of the model. Its input is ``m``, its reference
+        ``r``; a signal of the model's that is called so, and is neither, gets an underscore.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 

@@ -1,7 +1,7 @@
 """Compensation laws as values: equations and elements over the reference r and the input m, and their run."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -18,7 +18,8 @@ from narx_sklearn.model.terms import Variable
 
 __all__ = ["BoucWenElement", "CompensationLaw", "FunctionElement", "LawState", "UnreachableWarning"]
 
-INPUT, REFERENCE, MOVE = "m", "r", "d"  # the thesis's letters, and the move m[k] - m[k-1]
+INPUT, REFERENCE = "m", "r"  # the thesis's letters
+MOVE = "d"  # m[k] - m[k-1], unless another signal is called so
 METHODS = {"explicit": kernels.EXPLICIT, "roots": kernels.ROOTS, "search": kernels.SEARCH}
 POLICIES = {"hold": kernels.HOLD, "nearest": kernels.NEAREST}
 BRANCHES = {"nearest": kernels.ANY, "rising": kernels.RISING, "falling": kernels.FALLING}
@@ -170,6 +171,11 @@ class CompensationLaw:
     def channels(self) -> tuple[str, ...]:
         """Names of all signals in the window."""
         return (INPUT, *self.known, *(str(e.name) for e in self.elements))
+
+    @property
+    def move(self) -> str:
+        """Name of the move ``m[k] - m[k-1]``, a polynomial's unknown."""
+        return free_name(MOVE, self.channels)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -341,17 +347,18 @@ class CompensationLaw:
         elif self.method == "search":
             lines = [f"find {INPUT}[k]: 0 = {self.equations[0].to_text(digits)}"]
         else:
-            lines = [f"{INPUT}[k] = {INPUT}[k-1] + {MOVE}, the root nearest to 0 of"]
+            d = self.move
+            lines = [f"{INPUT}[k] = {INPUT}[k-1] + {d}, the root nearest to 0 of"]
             if self.branch != "nearest":
                 too_low = "negative" if self.branch == "rising" else "positive"
-                lines.append(f"  (above 0 where the term without {MOVE} is {too_low}, if there is one)")
-            names = ("loading, d > 0", "unloading, d < 0") if self.n_regimes == 2 else ("",)
+                lines.append(f"  (above 0 where the term without {d} is {too_low}, if there is one)")
+            names = (f"loading, {d} > 0", f"unloading, {d} < 0") if self.n_regimes == 2 else ("",)
             for regime, name in enumerate(names):
                 lines += [f"  {name}:"] if name else []
                 first = regime * (self.degree + 1)
                 for power in range(self.degree, -1, -1):
                     body = self.equations[first + power].to_text(digits)
-                    factor = f" {MOVE}^{power}" if power > 1 else f" {MOVE}" if power else ""
+                    factor = f" {d}^{power}" if power > 1 else f" {d}" if power else ""
                     lines.append(f"    {'+ ' if power < self.degree else ''}({body}){factor}")
                 lines.append("    = 0")
         lines += [f"  {e.name}[k] = {e.describe()}" for e in self.elements]
@@ -514,6 +521,13 @@ def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
         UnreachableWarning,
         stacklevel=3,
     )
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name that is not taken: the one wanted, with as many underscores as it needs."""
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _owner(element) -> int:

@@ -50,7 +50,8 @@ class RootCompensator(Compensator):
     model_ : NARXModel
         The model.
     law_ : CompensationLaw
-        The law; ``law_.horizon`` is how many samples ahead it reads the reference.
+        The law; ``law_.horizon`` is how many samples ahead it reads the reference. Its input is ``m``, its
+        reference ``r``; a signal of the model's that is called so, and is neither, gets an underscore.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
