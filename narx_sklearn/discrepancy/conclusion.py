@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
+from narx_sklearn.discrepancy.narrow import bounds_as_findings
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.checks import DataFinding, still_standing, to_be_mended
 from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
@@ -224,8 +225,10 @@ def _concluded(
     diagnosis, of_steps = mind_steps(diagnosis, settings.n_jobs)
     if diagnosis.verdict not in NOTHING_MISSING and to_be_mended(standing, best.effects):
         diagnosis = replace(diagnosis, verdict="unknown", record_misleads=True)
+    of_bounds = bounds_as_findings(diagnosis, settings)
     settings.tell("verification on held-out samples")
-    return replace(_held_against(diagnosis, split, u, y, settings), of_record=(*standing, *of_steps))
+    concluded = _held_against(diagnosis, split, u, y, settings)
+    return replace(concluded, of_record=(*standing, *of_steps, *of_bounds))
 
 
 def _held_against(

@@ -5,6 +5,7 @@ import numpy as np
 from narx_sklearn.discrepancy.findings import parameter_names
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
+from narx_sklearn.discrepancy.narrow import what_lies_at_bounds
 from narx_sklearn.discrepancy.results import (
     CHANGES,
     DISTURBED,
@@ -46,6 +47,12 @@ def verdict_sentence(dx) -> str:
         return "The record itself seems to be wrong; mend it first, for what it misses is taken for physics."
     if dx.verdict_ == "unknown" and dx.conclusion_.diagnosis.steps_miss:
         return "What the simulation misses may be the error of its own integration steps."
+    if dx.verdict_ == "refit" and (narrow := dx.conclusion_.diagnosis.narrow):
+        one = len(narrow) == 1
+        return (
+            f"No physics is missing; the {'bound' if one else 'bounds'} given for "
+            f"{_listed([at.parameter.name for at in narrow])} {'is' if one else 'are'} too narrow."
+        )
     other = what_is_no_law(dx)
     return f"{other}." if other else VERDICTS[dx.verdict_]
 
@@ -250,7 +257,8 @@ def _parameters(dx) -> list[str]:
 
 def about_parameters(dx) -> list[str]:
     """Return what is to be said of the simulation's own parameters beside their values, in sentences."""
-    said = _told_together(dx)
+    told = {finding.evidence["parameter"] for finding in dx.data_findings_ if finding.code == "bounds"}
+    said = [*what_lies_at_bounds(dx.conclusion_.diagnosis, told), *_told_together(dx)]
     if dx.conclusion_.diagnosis.unforeseen is not None:
         said.insert(0, "Fitted beside what acts by itself, of which a refit alone takes a part into them.")
     return said

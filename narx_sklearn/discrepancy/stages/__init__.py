@@ -1,7 +1,8 @@
 """The stages of a diagnosis, from the first fit to the verdict.
 
-``diagnosis`` is the chain. ``beginning`` fits what the simulator has, ``coloured_search`` looks for what it
-lacks, ``stretches`` (by ``trimmed``) and ``temporary`` (with ``in_sessions``) for what acts for a while;
+``diagnosis`` is the chain. ``beginning`` fits what the simulator has (``bounded``: within bounds that were
+given), ``coloured_search`` looks for what it lacks, ``stretches`` (by ``trimmed``) and ``temporary`` (with
+``in_sessions``) for what acts for a while;
 ``judgement`` says what that comes to, with ``naming`` and ``swaps``, in ``plain`` numbers: what speaks
 against names (``refuted``, beside their own ``forms``), what has none (``unnamed``, ``powers``,
 ``products``) and goes with it (``told_law``), what follows no signal (``unforeseen``), and whether the rest

@@ -28,6 +28,7 @@ SHORTER = ((4, 2), (16, 8, 4, 2))  # parts of a window, over which a machine is 
 TRAPPED = 2.0  # times the cost of a fit led by shorter windows, beyond which one from afar lost its way
 FOLLOWS = 0.3  # share of an output's spread that long windows may leave beside what short ones leave
 PARTS = (1, 2, 4, 8)  # of a record, that are tried as windows of an integrating plant
+FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 
 
@@ -272,3 +273,13 @@ def residual_deviation(problem: Problem, residual: np.ndarray) -> np.ndarray:
     counts = problem.seen.sum(axis=(0, 1))
     sigma = np.sqrt((r**2).sum(axis=(0, 1)) / np.maximum(counts, 1))
     return np.maximum(sigma, 1e-12 * np.maximum(problem.noise.sigma, 1e-300))
+
+
+def rounding_of(y: np.ndarray) -> np.ndarray:
+    """Return the deviation of each output that is rounding, (n_outputs,)."""
+    return FINEST * np.nanstd(y, axis=0)
+
+
+def leaves_rounding(problem: Problem, residual: np.ndarray) -> bool:
+    """Tell whether a whitened residual is rounding, in which nothing is missing."""
+    return bool(np.all(residual_deviation(problem, residual) <= rounding_of(problem.y)))

@@ -18,7 +18,15 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
-from narx_sklearn.discrepancy.stages.beginning import begin, centred, residual_deviation, states_at
+from narx_sklearn.discrepancy.stages.beginning import (
+    begin,
+    centred,
+    leaves_rounding,
+    residual_deviation,
+    rounding_of,
+    states_at,
+)
+from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
@@ -52,7 +60,6 @@ from narx_sklearn.discrepancy.stages.unnamed import (
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
-FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which nothing is missing
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,7 @@ class Diagnosis:
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
+    narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
 
     @property
     def is_named(self) -> bool:
@@ -145,7 +153,25 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             break
         settings.tell("again, nearer to the parameters that were found")
         found = _diagnosed(nearer, u, y, pieces, settings)
-    return found
+    return _unless_narrow(found, u, y, pieces, settings)
+
+
+def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Return a diagnosis, or that without the bounds of parameters where these alone were wrong.
+
+    What a bound forbids looks like physics. Where the parameters beyond it explain the record as well as what
+    was found, and nothing is missing beside them, it is none.
+    """
+    problem, best = found.problem, found.best
+    beyond = fit_beyond(problem, found.refitted, settings.alpha, settings.n_jobs)
+    if beyond is None:
+        return found
+    is_law = bool(best.effects) and found.unforeseen is None
+    if is_law and best.criterion < Candidate(beyond.fit, problem.n_seen).criterion:
+        return found
+    settings.tell("again, without bounds of parameters")
+    freed = _diagnosed(beyond.simulator, u, y, pieces, settings)
+    return replace(freed, narrow=beyond.passed) if freed.verdict == "refit" else found
 
 
 def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
@@ -167,12 +193,12 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     """Diagnose once: over windows of one length, near the parameters that the simulator has."""
     problem, refitted, structure, pace, lengthened_from = begin(simulator, u, y, pieces, settings)
     problem, refitted = centred(problem, refitted)
-    rounding = FINEST * np.nanstd(y, axis=0)
+    rounding = rounding_of(y)
     left_over = residual_deviation(problem, refitted.residual)
     problem = problem.with_noise(Noise.white(np.maximum(left_over, rounding)))
     refitted = fit(problem, refitted.model, iterations=2, n_jobs=settings.n_jobs)
     searched = Searched(problem, refitted, [])
-    if np.any(residual_deviation(problem, refitted.residual) > rounding):
+    if not leaves_rounding(problem, refitted.residual):
         searched = coloured_search(problem, refitted, structure, settings)
     problem, refitted, _ = searched
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
@@ -184,7 +210,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched
     nominal = fit_initial_states(problem, refitted.model.x0)
-    is_exact = np.all(residual_deviation(problem, nominal.residual) <= rounding)
+    is_exact = leaves_rounding(problem, nominal.residual)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
     if found is None:
         nothing = "refit" if p_moved <= settings.alpha else "consistent"
