@@ -559,6 +559,27 @@ def test_identify_without_lags_chooses_them(monkeypatch, capsys):
     assert "held out free run nrmse" in said.err  # words go beside what a program reads
 
 
+def test_dead_values_of_a_record_are_told_and_taken_as_missing(monkeypatch, capsys):
+    record = first_order(400)
+    record.loc[200:209, "y"] = -9999.0
+    feed(monkeypatch, record.to_csv(index=False))
+    assert main(["identify", "-", "--output-lags=1", "--input-lags=1", "--degree=1"]) == 0
+    said = capsys.readouterr()
+    assert "10 samples of 'y' are -9999 (200 to 209), where all others lie between" in said.err
+    assert "taken as missing" in said.err
+    assert "worse than that part's mean" not in said.out
+
+
+def test_a_model_that_is_worse_than_the_mean_is_told(monkeypatch, capsys):
+    rng = np.random.default_rng(0)
+    y = np.cumsum(rng.normal(size=400))
+    feed(monkeypatch, pd.DataFrame({"u": rng.normal(size=400), "y": y}).to_csv(index=False))
+    assert main(["identify", "-", "--quiet", "--output-lags=1", "--input-lags=1", "--degree=1"]) == 0
+    said = capsys.readouterr().out
+    assert float(said.split("free run nrmse: ")[1].split()[0]) > 1
+    assert "Run freely, the model predicts the held-out part worse than that part's mean does." in said
+
+
 def test_a_record_of_twenty_samples_gives_a_model_whose_residuals_are_not_tested(monkeypatch, capsys):
     feed(monkeypatch, first_order(20).to_csv(index=False))
     assert main(["identify", "-", "--quiet"]) == 0

@@ -12,6 +12,7 @@ from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
+from narx_sklearn.model.dead_values import dead_in_words, dead_values
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
 OUTPUT = re.compile(r"(y|output|measured|y_?meas(ured)?|out)_?\d*$", re.IGNORECASE)
@@ -134,6 +135,19 @@ def read_recordings(
         _notes_together([recording.notes for recording in read], called),
         first.time,
     )
+
+
+def without_dead_values(recording: Recording) -> Recording:
+    """Return a recording whose dead values are missing, with a note of each column that had such."""
+    u, y, notes = recording.u.copy(), recording.y.copy(), []
+    for table, moves in ((u, None), (y, u)):
+        for label in table:
+            signal = table[label].to_numpy(dtype=float)
+            dead = dead_values(signal, None if moves is None else moves.to_numpy(dtype=float))
+            if dead.any():
+                notes.append(f"{dead_in_words(signal, dead, repr(label))}: taken as missing.")
+                table[label] = np.where(dead, np.nan, signal)
+    return recording._replace(u=u, y=y, notes=(*recording.notes, *notes))
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import pandas as pd
 from narx_sklearn._progress import progress
 from narx_sklearn._validation import signal_names
 from narx_sklearn.analysis import residual_tests
-from narx_sklearn.cli._columns import Recording, last_part, read_recordings
+from narx_sklearn.cli._columns import Recording, last_part, read_recordings, without_dead_values
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import say, tell_notes, write_json
@@ -30,7 +30,7 @@ def run(options) -> None:
         raise UsageError("--save and --json cannot both go to standard output.")
     if not 0 <= options.test_fraction < 0.9:
         raise UsageError(f"--test-fraction must lie in [0, 0.9), got {options.test_fraction:g}.")
-    recording = read_recordings(options.records, options)
+    recording = without_dead_values(read_recordings(options.records, options))
     tell_notes(recording.notes, options.quiet)
     held_out = last_part(recording.sessions, options.test_fraction)
     if np.sum(~held_out) < FEWEST:
@@ -52,6 +52,8 @@ def run(options) -> None:
     )
     for name, value in metrics.items():
         say(f"{name.replace('_', ' ')}: {value:.5g}", beside=beside)
+    if worse := worse_than_mean(metrics):
+        say(worse, beside=beside)
     say(f"\n{tests}", beside=beside)
     if options.save:
         write_text(options.save, json.dumps(narx.model_.to_dict(), indent=2) + "\n")
@@ -125,6 +127,24 @@ def _metrics(narx, recording: Recording, held_out: np.ndarray) -> dict[str, floa
         f"{where}_free_run_nrmse": float(nrmse(y, simulated)),
         f"{where}_one_step_nrmse": float(nrmse(y, predicted)),
     }
+
+
+def worse_than_mean(metrics: dict[str, float]) -> str:
+    """Return that a free run misses more than a constant would; empty where it does not.
+
+    Examples
+    --------
+    >>> from narx_sklearn.cli._identify import worse_than_mean
+    >>> worse_than_mean({"held_out_free_run_nrmse": 1.4})
+    "Run freely, the model predicts the held-out part worse than that part's mean does."
+    >>> worse_than_mean({"fitted_free_run_nrmse": 0.2})
+    ''
+    """
+    for where in ("held_out", "fitted"):
+        if metrics.get(f"{where}_free_run_nrmse", 0.0) > 1.0:
+            part = where.replace("_", "-")
+            return f"Run freely, the model predicts the {part} part worse than that part's mean does."
+    return ""
 
 
 def _tests(narx, recording: Recording, chosen: np.ndarray) -> str:

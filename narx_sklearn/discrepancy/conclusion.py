@@ -98,6 +98,22 @@ class Conclusion:
         return bool(errors["augmented"] > RUNS_OFF * max(errors["nominal"], errors["refitted"]))
 
     @property
+    def is_worse_than_given(self) -> bool:
+        """Whether what was found leaves more than the simulation that was given, fitted or held out.
+
+        Then it is no explanation, whatever a refit alone leaves: that may have lost its way. Nobody holds
+        against a drift, or against what begins or ends, what it does where it was not fitted, nor against
+        anything what small errors add up to in whole runs.
+        """
+        diagnosis, effects = self.diagnosis, self.diagnosis.best.effects
+        if diagnosis.best.fit.cost > diagnosis.nominal.cost:
+            return True
+        foreseen = are_foreseen(effects) and not any(is_drift(effect) for effect in effects)
+        if self.scores.empty or not (diagnosis.forgets and foreseen):
+            return False
+        return bool(self.scores["nrmse_low"]["augmented"] > self.scores["nrmse_high"]["nominal"])
+
+    @property
     def leaves_all_out(self) -> bool:
         """Whether what was found was taken back, and a refit alone corrects the simulator."""
         return self.corrected is not self.tried
@@ -270,6 +286,8 @@ def _held_against(
             drifts = bool(best.effects) and best.effects[diagnosis.order[0]].effect.code == DRIFT
             verdict = whole.verdict if drifts or best.given else "unknown"
             return replace(whole, verdict=verdict, corrected=whole.refitted)
+    if whole.is_worse_than_given:
+        return replace(whole, verdict="unknown", corrected=whole.refitted)
     return replace(whole, verdict="unknown") if whole.left_there > STANDS_IN else whole
 
 

@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.extrapolate import extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.location import locate, with_invariances
 from narx_sklearn.discrepancy.records.checks import check_record
+from narx_sklearn.discrepancy.records.dead import without_dead_values
 from narx_sklearn.discrepancy.records.record import (
     check_length,
     label_findings,
@@ -234,10 +235,10 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         simulator = self.simulator
         if not simulator.inputs:  # a trace that waits for the inputs that led to it
             simulator = simulator.identified(X, sessions=sessions)
-        u, measured = read_record(X, y, simulator)
+        u, measured, of_dead = without_dead_values(simulator, *read_record(X, y, simulator))
         check_length(simulator, u, measured, sessions, self.test_fraction)
         _check_motion(simulator, measured)
-        of_record = label_findings(X, y, simulator, sessions)
+        of_record = of_dead + label_findings(X, y, simulator, sessions)
         tell("check of the record")
         simulator = simulator.identified(u, sessions=sessions)
         check_length(simulator, u, measured, sessions, self.test_fraction)  # a twin's states are known now

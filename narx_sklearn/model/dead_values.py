@@ -1,0 +1,102 @@
+"""Values that recorders write where nothing was measured: -9999, say."""
+
+import numpy as np
+
+from narx_sklearn._validation import true_runs
+
+FAR = 10.0  # times the range of all other values, that a dead one is off them
+MOST = 0.5  # share of the samples; more is no failure
+SHOWN = 3  # stretches, in words
+BY_CHANCE = 0.05  # probability, below which values that come and go as inputs move do so with them
+# the ends of the integers of converters, and the largest single-precision number
+ENDS = (-(2**15), 2**15 - 1, 2**16 - 1, -(2**31), 2**31 - 1, 2**32 - 1, float(np.finfo(np.float32).max))
+FEWEST_NINES = 3
+FILL = 1e30  # from which on a number is what a file is filled with, not a measurement
+
+
+def dead_values(signal: np.ndarray, moves: np.ndarray | None = None) -> np.ndarray:
+    """Tell which samples of a signal hold a value that stands for none, (n_samples,).
+
+    It lies off all others by ten times their range, which must not be zero. Values that recorders are known
+    to write for none (nines alone, the ends of an integer's range) count in any signal; any other only in
+    what is measured, where it is repeated to the last digit, and not where it comes and goes with what
+    drives the machine.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+        NaN where missing.
+    moves : ndarray of shape (n_samples, n_inputs), optional
+        What drives the machine; without it only known values count.
+
+    Returns
+    -------
+    ndarray of bool of shape (n_samples,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.model.dead_values import dead_values
+    >>> np.flatnonzero(dead_values(np.array([0.1, 0.2, -9999.0, 0.1, 0.3]))).tolist()
+    [2]
+    """
+    seen = np.isfinite(signal)
+    found = np.zeros(signal.size, dtype=bool)
+    known = [value for value in np.unique(signal[seen]) if _is_known(value)]
+    of_known = seen & np.isin(signal, known)
+    for value in known:
+        at = signal == value
+        found |= at & _is_far(value, signal[seen & ~of_known])
+    while moves is not None:
+        rest = signal[seen & ~found]
+        ends = np.array([rest.min(initial=np.inf), rest.max(initial=-np.inf)])
+        between = rest[~np.isin(rest, ends)]
+        more = found.copy()
+        for end in ends:
+            more |= _repeated(signal == end, signal, between, moves)
+        if (more == found).all():
+            break
+        found = more
+    return found if found.sum() <= MOST * seen.sum() else np.zeros(signal.size, dtype=bool)
+
+
+def dead_in_words(signal: np.ndarray, dead: np.ndarray, called: str) -> str:
+    """Return which samples of a signal hold dead values, and what the others are, to begin a sentence."""
+    values = np.unique(signal[dead])
+    rest = signal[np.isfinite(signal) & ~dead]
+    runs = [f"{a} to {b - 1}" if b - a > 1 else f"{a}" for a, b in true_runs(dead)]
+    where = ", ".join(runs[:SHOWN]) + (", ..." if len(runs) > SHOWN else "")
+    count = int(dead.sum())
+    some = "One sample" if count == 1 else f"{count} samples"
+    written = " or ".join(f"{value:.10g}" for value in values)
+    return (
+        f"{some} of {called} {'is' if count == 1 else 'are'} {written} ({where}), "
+        f"where all others lie between {rest.min():.4g} and {rest.max():.4g}"
+    )
+
+
+def _is_known(value: float) -> bool:
+    """Tell whether recorders write a value where there is none."""
+    digits = f"{abs(value):.10g}".replace(".", "")
+    nines = len(digits) >= FEWEST_NINES and set(digits) == {"9"}
+    return nines or value in ENDS or abs(value) >= FILL
+
+
+def _is_far(value: float, others: np.ndarray) -> bool:
+    if not others.size:
+        return False
+    low, high = float(others.min()), float(others.max())
+    return high > low and max(low - value, value - high) > FAR * (high - low)
+
+
+def _repeated(at: np.ndarray, signal: np.ndarray, others: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """Return where one value is, if far off others, repeated, and not there as inputs move; else nowhere."""
+    none = np.zeros(at.size, dtype=bool)
+    runs = true_runs(at)
+    if not runs or max(b - a for a, b in runs) < 2 or not _is_far(signal[runs[0][0]], others):
+        return none
+    moved = np.any(np.diff(moves, axis=0, prepend=moves[:1]) != 0, axis=1)
+    moved |= np.append(False, moved[:-1])  # what is driven may answer a sample later
+    edges = [k for run in runs for k in run if 0 < k < at.size]
+    goes_along = moved[edges].all() and moved.mean() ** len(edges) < BY_CHANCE
+    return none if goes_along else at

@@ -1,0 +1,93 @@
+"""Values that recorders write where nothing was measured are no measurements."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_machines import levels, make_oscillator
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.model.dead_values import dead_in_words, dead_values
+
+N = 1500
+HOLE = slice(400, 420)
+
+
+@pytest.fixture
+def signal():
+    return np.random.default_rng(0).normal(size=N)
+
+
+@pytest.fixture
+def moves():
+    return levels(np.random.default_rng(1), N, hold=17)
+
+
+@pytest.mark.parametrize("value", [-9999.0, 99999.0, -999.0, -999.9, 32767.0, -32768.0, 1e30])
+def test_known_values_are_found_in_any_signal(signal, value):
+    signal[HOLE] = value
+    signal[900] = value
+    assert np.flatnonzero(dead_values(signal)).tolist() == [*range(400, 420), 900]
+
+
+def test_other_values_are_found_where_they_are_repeated_in_what_is_measured(signal, moves):
+    signal[HOLE] = 300.0
+    assert not dead_values(signal).any()
+    assert dead_values(signal, moves).sum() == 20
+    signal[900:905] = -400.0
+    signal[1000:1005] = -9999.0
+    assert dead_values(signal, moves).sum() == 30
+
+
+def test_motion_pulses_clipping_and_constants_are_alive(signal, moves):
+    assert not dead_values(signal, moves).any()
+    assert not dead_values(np.clip(signal, -1, 1), moves).any()
+    assert not dead_values(np.where(np.arange(N) < 700, 0.0, 9999.0), moves).any()
+    assert not dead_values(np.full(N, np.nan), moves).any()
+    signal[HOLE] = 30.0 + signal[HOLE]  # a pulse is not the same to the last digit
+    assert not dead_values(signal, moves).any()
+    assert not dead_values(999.0 * signal, moves).any()
+    switched = np.repeat([0.0, 1.0, 0.0, 99.5, 1.0], N // 5)
+    assert not dead_values(switched, switched[:, None]).any()
+
+
+def test_half_of_a_record_is_no_failure(signal):
+    signal[: N // 2 + 1] = -9999.0
+    assert not dead_values(signal).any()
+
+
+def test_dead_values_are_told_with_where_they_are(signal):
+    signal[HOLE] = -9999.0
+    signal[900] = -9999.0
+    said = dead_in_words(signal, dead_values(signal), "level")
+    assert said.startswith("21 samples of level are -9999 (400 to 419, 900), where all others lie between -")
+
+
+def test_dead_values_of_a_record_are_told_and_left_out():
+    rng = np.random.default_rng(0)
+    u = levels(rng, N)
+    y = make_oscillator(gain=4.4).simulate(u)
+    y += 0.002 * rng.normal(size=y.shape)
+    y[HOLE] = -9999.0
+    u[1100:1103] = 99999.0
+    dx = DiscrepancyRegressor(make_oscillator(), effects=["stuck_sensor", "sensor_clip"]).fit(u, y)
+    assert dx.verdict_ == "refit"
+    assert [finding.code for finding in dx.data_findings_] == ["dead_values", "dead_values"]
+    assert [finding.evidence["signal"] for finding in dx.data_findings_] == ["drive", "position"]
+    assert "20 samples of position are -9999 (400 to 419)" in dx.report_
+    assert dx.parameters_["augmented"]["gain"] == pytest.approx(4.4, rel=5e-3)
+
+
+def test_names_that_leave_more_than_the_simulation_as_it_was_given_explain_nothing():
+    rng = np.random.default_rng(0)
+    u = levels(rng, N)
+    y = make_oscillator(gain=4.4).simulate(u)
+    y += 0.002 * rng.normal(size=y.shape)
+    dx = DiscrepancyRegressor(make_oscillator(), effects=["coulomb_friction"]).fit(u, y)
+    found = dx.conclusion_
+    assert not found.is_worse_than_given
+    scores = found.scores.copy()
+    scores.loc["augmented"] = 3.0 * scores.loc["nominal"]
+    assert replace(found, scores=scores).is_worse_than_given
+    cheaper = replace(found.diagnosis, nominal=found.diagnosis.nominal._replace(cost=0.0))
+    assert replace(found, diagnosis=cheaper).is_worse_than_given
