@@ -487,6 +487,14 @@ class TestDetection:
         assert used >= 1
         assert rest.std() == pytest.approx(1.0, abs=0.05)
 
+    def test_a_column_that_another_one_takes_whole_is_worth_nothing_and_overflows_nothing(self):
+        column = 1e10 * np.random.default_rng(6).normal(size=(4, 500, 1))  # beside next to no noise
+        bank = self.bank_of(np.concatenate([column, np.zeros_like(column)], axis=2), column[:, :, 0])
+        bank = replace(bank, plain=np.array([bank.plain[0], 1e12]))
+        rest, used = flexible_residual(bank, 2000)
+        assert used == 1
+        assert np.linalg.norm(rest) < 1e-9 * np.linalg.norm(column)
+
     def test_a_line_in_time_is_found_unless_the_input_has_it(self):
         rng = np.random.default_rng(0)
         t = np.arange(2000)

@@ -191,7 +191,8 @@ def flexible_residual(bank: Bank, n_samples: int) -> tuple[np.ndarray, int]:
     left = float(np.einsum("wt,wt->", bank.residual, bank.residual))
     for _ in range(MOST_COLUMNS):
         rest, length = _after(plain, gram, chosen)
-        worth = np.where(use & (length > 1e-6 * np.diag(gram)), rest**2 / np.maximum(length, 1e-300), 0.0)
+        told = use & (length > 1e-6 * np.diag(gram))
+        worth = np.divide(rest**2, length, out=np.zeros(length.size), where=told)
         worth[chosen] = 0.0
         j = int(np.argmax(worth)) if worth.size else 0
         # a column must earn more than noise gives the best of them by chance
