@@ -244,8 +244,11 @@ def digits_that_part(*values: float) -> int:
 def _parameters(dx) -> list[str]:
     if dx.parameters_.empty:
         return []
-    lines = ["Parameters of the simulation:"]
+    lines, silent = ["Parameters of the simulation:"], untold_parameters(dx)
     for name, row in dx.parameters_.iterrows():
+        if name in silent:
+            lines.append(f"   {name}: these data do not tell it, nominal {row['nominal']:.4g}")
+            continue
         low, high = row["augmented_low"], row["augmented_high"]
         digits = digits_that_part(low, row["augmented"], high)
         value = _quantity(row["augmented"], row["unit"], digits)
@@ -255,9 +258,18 @@ def _parameters(dx) -> list[str]:
     return [*lines, ""]
 
 
+def untold_parameters(dx) -> set[str]:
+    """Return the names of the simulation's own parameters of which the record tells no end of what may be."""
+    low, high = dx.parameters_["augmented_low"], dx.parameters_["augmented_high"]
+    lower, upper = dx.conclusion_.diagnosis.problem.simulator.bounds.T
+    untold = (low <= lower) & (high >= upper) & (lower < upper)
+    return set(dx.parameters_.index[untold])
+
+
 def about_parameters(dx) -> list[str]:
     """Return what is to be said of the simulation's own parameters beside their values, in sentences."""
     told = {finding.evidence["parameter"] for finding in dx.data_findings_ if finding.code == "bounds"}
+    told |= untold_parameters(dx)
     said = [*what_lies_at_bounds(dx.conclusion_.diagnosis, told), *_told_together(dx)]
     if dx.conclusion_.diagnosis.unforeseen is not None:
         said.insert(0, "Fitted beside what acts by itself, of which a refit alone takes a part into them.")

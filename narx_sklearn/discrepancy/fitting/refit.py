@@ -134,6 +134,20 @@ def fit(
     return Fit(model, now.cost, r, J, at.projector, steps, converged, done, gained, n_begun)
 
 
+def linearised(problem: Problem, model: Model, x_steps: np.ndarray) -> Fit:
+    """Return a model as a fit in which nothing moves, its initial states included.
+
+    Parameters
+    ----------
+    x_steps : ndarray of shape (n_states,)
+        Difference steps of the initial states.
+    """
+    now = _attempt(problem, model)
+    at = _tangents(_Frame.of(problem, model, None, 0.0), now, x_steps, None)
+    residual = at.projector(_finite(now.residual))
+    return Fit(model, now.cost, residual, at.projected, at.projector, at.steps, True, 0, 0.0)
+
+
 class _Frame(NamedTuple):
     """What stays as it is during a fit."""
 

@@ -4,15 +4,18 @@ import math
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, f, norm
 
-from narx_sklearn.discrepancy.fitting.problem import Problem
-from narx_sklearn.discrepancy.fitting.refit import ALIKE, SMALL, Fit, all_bounds
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import ALIKE, SMALL, Fit, all_bounds, linearised, state_scale
 from narx_sklearn.discrepancy.search.bank import Bank
 from narx_sklearn.discrepancy.search.detect import block_length, blocks_of, detect
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 
 FAR = 2.0  # times the cost of the refitted parameters, that the nominal ones leave
 UNFELT = 1e-3  # noise deviations by which runs change with the ordinary size of what is zero, if it is told
+BY_CHANCE = 0.01  # probability, above which what windows' own initial states take off may be noise
+NEWTON = 5  # steps to where a machine rests
 LARGE_PART = 0.3  # of a direction of unit length
 TAKES_PART = 0.01  # of the relative change of parameters along such a direction
 
@@ -47,13 +50,15 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
 def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     """Return confidence intervals of the global parameters, (n_q, 2), as far as their bounds allow.
 
-    Of what the record does not show, the interval is all that it may be. When something happened once is told
-    by what the record leaves with it earlier or later, in steps of half a sample.
+    Of what the record does not show, the interval is all that it may be. Where windows begin as inputs led
+    to it, but for noise, parameters are told by what inputs do alone. When something happened once is told by
+    what the record leaves with it earlier or later, in steps of half a sample.
     """
     q = fit.model.q
-    error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    silent = (q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
-    width = np.where(silent, np.inf, norm.ppf(0.5 + level / 2) * error)
+    width = norm.ppf(0.5 + level / 2) * _errors(problem, fit)
+    own = fit.model.p.size
+    if own and (driven := as_driven(problem, fit)) is not None:
+        width[:own] = np.maximum(width, norm.ppf(0.5 + level / 2) * _errors(problem, driven))[:own]
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
     width[np.ptp(all_bounds(problem, fit.model), axis=1) == 0] = 0.0  # held there
     rows = np.column_stack([q - width, q + width])
@@ -61,6 +66,66 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
         for index in effect.effect.instants:
             rows[own.start + index] = _earliest_and_latest(problem, fit, own.start + index, level)
     return np.clip(rows, domain[:, :1], domain[:, 1:])
+
+
+def as_driven(problem: Problem, found: Fit) -> Fit | None:
+    """Return a fit whose windows begin where inputs led them from rest; None where these leave surely more.
+
+    At rest the initial states of windows follow noise, with the frequency and damping that suit it best, and
+    tangents there would tell the parameters of that. Parameters count as fitted to it too, and each ordinate
+    of a window's spectrum as a frequency that was tried.
+    """
+    n_fitted = problem.n_initial + found.model.p.size
+    n_left = problem.n_seen - n_fitted
+    x0 = _states_as_driven(problem, found.model)
+    if x0 is None or not (problem.n_initial and n_left > 0 and found.cost > 0):
+        return None
+    x_steps = state_scale(problem, found.model, problem.run(found.model))
+    driven = linearised(problem, found.model._replace(x0=x0), x_steps)
+    if not np.isfinite(driven.cost):
+        return None
+    ratio = (driven.cost - found.cost) / n_fitted / (found.cost / n_left)
+    tried = max(problem.windows.length // 2, 1)
+    return driven if tried * f.sf(ratio, n_fitted, n_left) > BY_CHANCE else None
+
+
+def _states_as_driven(problem: Problem, model: Model) -> np.ndarray | None:
+    """Return the states of windows to which inputs lead from where each session rests; None if nowhere."""
+    windows, u, simulator = problem.windows, problem.u, problem.simulator
+    x0 = model.x0.copy()
+    for began in np.unique(windows.began):
+        own = np.flatnonzero(windows.began == began)
+        first, last = int(windows.first[own].min()), int(windows.last[own].max())
+        rest = _at_rest(problem, model, u[first], model.x0[own].mean(axis=0))
+        span = Windows(*(np.array([value]) for value in (first, last, True, began)))
+        x0[own] = simulator.run(u, span, rest[None], model.p, model.effects).x[windows.first[own]]
+    x0 = np.where(simulator.free_states, x0, model.x0)
+    return x0 if np.isfinite(x0).all() else None
+
+
+def _at_rest(problem: Problem, model: Model, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the states near some, (n_states,), that stay as they are under a constant input; NaN if none."""
+    n = x.size
+    held = np.tile(u, (2 * (n + 1), 1))
+    first = 2 * np.arange(n + 1)
+    pairs = Windows(first, first + 2, np.ones(n + 1, dtype=bool), first)
+    motion = np.abs(model.x0).max(axis=0)
+    size = SMALL * np.where(motion > 0, motion, 1.0)
+    for _ in range(NEWTON):
+        x0 = x + np.concatenate([np.zeros((1, n)), np.diag(size)])
+        moved = problem.simulator.run(held, pairs, x0, model.p, model.effects).x[first + 1] - x0
+        if not np.isfinite(moved).all():
+            return np.full(n, np.nan)
+        slopes = (moved[1:] - moved[0]).T / size
+        x = x - np.linalg.pinv(slopes * size) @ moved[0] * size
+    return x
+
+
+def _errors(problem: Problem, fit: Fit) -> np.ndarray:
+    """Return standard errors of the global parameters, infinite of those that show nothing, (n_q,)."""
+    error = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
+    silent = (fit.model.q == 0) & (_felt_alone(fit) < UNFELT) | ~np.any(fit.jacobian, axis=(0, 1))
+    return np.where(silent, np.inf, error)
 
 
 def _earliest_and_latest(problem: Problem, fit: Fit, index: int, level: float) -> tuple[float, float]:
