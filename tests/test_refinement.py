@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification import LinearConstraints, NARXRegressor, refine_free_run
 from narx_sklearn.identification.refinement import _Runs
 from narx_sklearn.model import Difference, NARXModel, Play, free_run
@@ -187,3 +187,64 @@ def test_outputs_may_be_a_vector_and_lengths_must_agree():
         refine_free_run(TRUTH, X[:100], y)
     with pytest.raises(ValueError, match="y has 1 columns"):
         refine_free_run(TWO_OUTPUTS, X, y)
+
+
+def saturating(seed, n_samples=300):
+    """Return a record whose output stops at limits, beyond which polynomials explode."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-3, 3, n_samples // 10), 10)
+    y = np.zeros(n_samples)
+    for k in range(1, n_samples):
+        free = y[k - 1] + 0.3 * u[k - 1] - 0.1 * y[k - 1] * abs(y[k - 1])
+        y[k] = np.clip(free + 0.02 * rng.normal(), -1.5, 1.5)
+    return u[:, None], y
+
+
+@pytest.mark.parametrize(("seed", "lags"), [(46, 3), (49, 2)])
+def test_a_free_run_that_is_lost_is_brought_back_over_short_horizons(seed, lags):
+    X, y = saturating(seed)
+    kept = NARXRegressor(lags, lags, refine=False).fit(X, y)
+    assert kept.score(X, y) == -1e6
+    narx = NARXRegressor(lags, lags).fit(X, y)  # warnings are errors: those of trials are not shown
+    assert narx.noise_ == "mixed"
+    assert narx.score(X, y) > 0.9
+    given = NARXRegressor(lags, lags, n_terms=kept.model_.n_terms).fit(X, y)
+    assert given.score(X, y) > 0.9
+
+
+def test_a_model_that_is_lost_on_its_own_record_is_told_once_with_the_way_out():
+    X, y = saturating(0)
+    with pytest.warns(
+        DivergenceWarning, match=r"finite range at sample \d+ of its own record.*n_terms"
+    ) as told:
+        narx = NARXRegressor(2, 2).fit(X, y)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    assert narx.score(X, y) == -1e6
+    with pytest.warns(DivergenceWarning, match="'ridge' is not refined unasked"):
+        NARXRegressor(2, 2, estimator="ridge", alpha=1e-12).fit(X, y)
+    NARXRegressor(2, 2, refine=False).fit(X, y)  # who does not want free runs is not told of them
+
+
+def test_an_unstable_plant_under_feedback_keeps_least_squares():
+    rng = np.random.default_rng(0)
+    u, y = np.zeros(1500), np.zeros(1500)
+    for k in range(1, 1500):
+        y[k] = 1.1 * y[k - 1] + 0.5 * u[k - 1] + 0.05 * rng.normal()
+        u[k] = 0.8 * (np.sign(np.sin(k / 37)) - y[k]) + 0.3 * rng.normal()
+    with pytest.warns(DivergenceWarning, match="of its own record"):
+        narx = NARXRegressor(1, 1, degree=1).fit(u[:, None], y)
+    assert narx.noise_ == "equation"
+    # four standard errors of least squares, 0.05 / sqrt(1500 var) with variances near one
+    np.testing.assert_allclose(narx.coef_, [1.1, 0.5], atol=0.01)
+
+
+def test_of_several_outputs_a_lost_free_run_is_brought_back_too():
+    X, y = saturating(46)
+    second = np.roll(X[:, 0], 1) + 0.1 * np.random.default_rng(1).normal(size=y.size)
+    both = np.column_stack([y, second])
+    lags = {"output_lags": [[1, 2, 3], []], "input_lags": 3}
+    assert NARXRegressor(**lags, refine=False).fit(X, both).score(X, both) == -1e6
+    narx = NARXRegressor(**lags).fit(X, both)
+    assert narx.noise_ == "mixed"
+    assert narx.score(X, both) > 0.9

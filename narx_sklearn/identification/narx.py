@@ -69,7 +69,7 @@ from narx_sklearn.identification.uncertainty import (
 from narx_sklearn.identification.whiteness import is_white
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.recording import lay_out
-from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
+from narx_sklearn.model.simulation import FreeRun, free_run, predict_k_steps, predict_one_step
 from narx_sklearn.model.times import step_of_rows
 
 __all__ = ["NARXRegressor"]
@@ -82,6 +82,7 @@ GATHERED_SAMPLES = (
 )
 NOWHERE = (0.0, 0.0, 0.0)  # what is known of a signal's values where nothing was recorded
 FAR = 1000  # spans of the fitted outputs from their middle: a free run that gets there is no motion of theirs
+AS_GOOD = 3  # times the one-step error up to which a model is another view of a record, not another plant
 SEARCHED_COST = 2e11  # operations up to which the search on the simulation error uses all candidates
 
 
@@ -155,8 +156,13 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Free-run refinement. ``"auto"`` also searches the terms by their effect on the free run. It keeps
         that result where the noise turns out to be on the output (the criterion of the simulation error is
         the smaller), and where the one-step residuals are coloured, so that least squares is biased by
-        noise or by missing structure; with white residuals least squares stays. True fits the chosen terms
-        to the free run whatever the noise; the fit never ends worse than it began.
+        noise or by missing structure. With white residuals least squares stays, unless its free run of the
+        record is lost (it leaves the finite range, or goes a thousand times as far as the outputs) where
+        that of the result is not, and errs at most three times as much one step ahead; one that errs more
+        is of another plant, as a bounded model of an unstable one is. With several outputs nothing is
+        searched, and only a free run that is lost is fitted. True fits the chosen terms to the free run
+        whatever the noise; the fit never ends worse than it began. Where the free run of what is kept is
+        lost, ``fit`` warns; False does not simulate.
     fit_intercept : bool, default=True
         Whether the constant term is a candidate.
     origin : {"auto", "zero", "mean"} or mapping of {str: float}, default="auto"
@@ -312,6 +318,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             ``sampling_period``.
         ExcitationWarning
             If a signal is constant, or the record so short that the terms cannot be told apart.
+        DivergenceWarning
+            If the free run of the model that is kept leaves the finite range on the record itself, or goes a
+            thousand times as far as its outputs, and ``refine`` is not False.
 
         Notes
         -----
@@ -348,6 +357,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         refinement, noise = None, "equation"
         if record.in_memory:
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
+            if self._refine_mode != "never":
+                self._warn_if_lost(model, *record.everything())
         warn_if_short(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
         self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
@@ -696,13 +707,25 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if self._refine_mode == "never":
             return model, None, "equation"
         inside = self._inside(model, selected, constraints)
-        if self._refine_mode == "always" or len(selected) > 1 or self.estimator != "ls":
-            if self._refine_mode == "auto":
-                return model, None, "equation"
-            fit = refine_free_run(
-                model, X, y, sessions=sessions, constraints=inside, horizons=self._horizons(model)
-            )
+        at_any_noise = partial(
+            refine_free_run,
+            model,
+            X,
+            y,
+            sessions=sessions,
+            constraints=inside,
+            horizons=self._horizons(model),
+        )
+        if self._refine_mode == "always":
+            fit = at_any_noise()
             return fit.model, fit, "output"
+        if self.estimator != "ls":
+            return model, None, "equation"
+        if len(selected) > 1:  # nothing is searched, but a run that is lost is brought back
+            if not is_lost(model, X, y, sessions):
+                return model, None, "equation"
+            fit = at_any_noise()
+            return fit.model, fit, "mixed" if np.isfinite(fit.loss) else "equation"
         return self._search_free_run(model, selected[0], constraints[0], X, y, sessions)
 
     def _search_free_run(self, model, one: Selected, constraints, X, y, sessions):
@@ -711,6 +734,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if self.n_terms is not None or any(p.signals & set(model.outputs) for p in model.phi):
             # the terms stay: their number is given, or the search cannot differentiate a phi of an output
             fit = refine_free_run(model, X, y, sessions=sessions, constraints=inside)
+            if not np.isfinite(fit.loss):
+                fit = refine_free_run(
+                    model, X, y, sessions=sessions, constraints=inside, horizons=self._horizons(model)
+                )
         else:
             searched = library
             if X.shape[0] * len(library) ** 2 > SEARCHED_COST:
@@ -722,6 +749,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 criterion=self.criterion,
                 n_terms=self.max_terms,
                 constraints=on_screened(constraints, self._library, searched),
+                horizons=self._horizons(model),
             ).fit
         if not np.isfinite(fit.loss):
             return model, fit, "equation"
@@ -738,9 +766,40 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         if value < equation:
             return fit.model, fit, "output"
         residuals = (y - predict_one_step(model, X, y, sessions=sessions))[:, 0]
-        if is_white(residuals, sessions):
-            return model, None, "equation"
-        return fit.model, fit, "mixed"
+        if not is_white(residuals, sessions):
+            return fit.model, fit, "mixed"
+        if is_lost(model, X, y, sessions):
+            # that of an unstable plant under feedback is lost by right; what is bounded errs much more there
+            refined = (y - predict_one_step(fit.model, X, y, sessions=sessions))[:, 0]
+            if np.nansum(refined**2) <= AS_GOOD**2 * np.nansum(residuals**2):
+                return fit.model, fit, "mixed"
+        return model, None, "equation"
+
+    def _warn_if_lost(self, model: NARXModel, X, y, sessions) -> None:
+        """Warn where the free run of what is kept is lost on the record it was fitted on."""
+        run = own_run(model, X, y, sessions)
+        if run.stopped_at is not None:
+            what = f"leaves the finite range at sample {run.stopped_at}"
+        else:
+            place = farthest(model, run.y)
+            if place is None:
+                return
+            what = f"goes more than {FAR} times as far as its outputs, from sample {place[0]} on"
+        searched = self._refine_mode == "auto" and self.estimator == "ls"
+        failed, way = "no refinement brought it back", ""
+        if searched:
+            failed = "no refinement that errs about as little one step ahead brought it back"
+            way = "refine=True for one that may err more, "
+        elif self._refine_mode == "auto":
+            failed, way = f"estimator={self.estimator!r} is not refined unasked", "refine=True, "
+        warnings.warn(
+            f"The free run of the fitted model {what} of its own record, and {failed}: predict and score, "
+            "which simulate, are of no use, while predict_one_step may be. Try fewer terms (n_terms, "
+            f'size="free_run"), other lags, a lower degree, {way}or, where predictions one step ahead are all '
+            "that is wanted, refine=False.",
+            DivergenceWarning,
+            stacklevel=4,
+        )
 
     @staticmethod
     def _horizons(model: NARXModel):
@@ -862,16 +921,14 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
 
     def _warn_if_far(self, y: np.ndarray) -> None:
         """Warn where a free run goes where nothing that was fitted ever was."""
-        recorded = [self.model_.recorded.get(name, NOWHERE) for name in self.model_.outputs]
-        low, _, high = np.transpose(recorded)
-        span = np.where(high > low, high - low, np.abs(high))
-        far = (np.abs(y - (low + high) / 2) > FAR * span) & (span > 0)
-        if not far.any():
+        place = farthest(self.model_, y)
+        if place is None:
             return
-        k, i = (int(index[0]) for index in np.nonzero(far))
+        k, i = place
+        low, _, high = self.model_.recorded[self.model_.outputs[i]]
         warnings.warn(
             f"The free run of {self.model_.outputs[i]!r} goes to {y[k, i]:.3g} at sample {k}, and was fitted "
-            f"on {low[i]:.3g} to {high[i]:.3g}: more than {FAR} times as far. The model is unstable for this "
+            f"on {low:.3g} to {high:.3g}: more than {FAR} times as far. The model is unstable for this "
             "input or initial condition, or they lie far beyond the record it was fitted on. Fit to the free "
             "run with refine=True, fit fewer terms with n_terms, or keep to the range of the record.",
             DivergenceWarning,
@@ -1015,3 +1072,28 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         return tags
+
+
+def farthest(model: NARXModel, y: np.ndarray) -> tuple[int, int] | None:
+    """Return the first sample and output at which a run goes where nothing that was fitted ever was."""
+    recorded = [model.recorded.get(name, NOWHERE) for name in model.outputs]
+    low, _, high = np.transpose(recorded)
+    span = np.where(high > low, high - low, np.abs(high))
+    far = (np.abs(y - (low + high) / 2) > FAR * span) & (span > 0)
+    if not far.any():
+        return None
+    k, i = (int(index[0]) for index in np.nonzero(far))
+    return k, i
+
+
+def own_run(model: NARXModel, X, y, sessions) -> FreeRun:
+    """Simulate the record that a model was fitted on; where the run is lost, its result says so alone."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DivergenceWarning)
+        return free_run(model, X, y, sessions=sessions)
+
+
+def is_lost(model: NARXModel, X, y, sessions) -> bool:
+    """Tell whether a model's free run of its own record leaves the finite range, or all that was fitted."""
+    run = own_run(model, X, y, sessions)
+    return run.stopped_at is not None or farthest(model, run.y) is not None

@@ -7,6 +7,8 @@ round the present model is that of the linear regression of r + J theta on J, wh
 searched like any other. Refit, linearise anew, search again, until nothing changes.
 """
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from narx_sklearn._validation import finite_slices, session_slices
+from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
@@ -70,13 +73,14 @@ def select_on_simulation(
     constraints: LinearConstraints | None = None,
     search: str = "exchange",
     max_iter: int = 30,
+    horizons: Sequence[int | None] = (None,),
 ) -> SimulationSelection:
     """Search terms and parameters of a single-output model by its free run.
 
     Parameters
     ----------
     model : NARXModel
-        Where to start; its free run must stay finite.
+        Where to start. Where its free run is lost, it is first fitted on growing ``horizons``.
     library : TermLibrary
         Candidate terms, those of the model among them.
     data : FreeRunData
@@ -91,12 +95,23 @@ def select_on_simulation(
         Search on the linearised regression.
     max_iter : int, default=30
         Steps of each free-run fit.
+    horizons : sequence of int or None, default=(None,)
+        Lengths of the stretches on which a start is fitted whose free run is lost; see `refine_free_run`.
 
     Returns
     -------
     SimulationSelection
     """
     fit = _fit(model, data, library, constraints, max_iter)
+    if not np.isfinite(fit.loss):  # there is no slope to follow where the run is lost; short runs have one
+        fit = refine_free_run(
+            model,
+            data.X,
+            data.y,
+            sessions=data.sessions,
+            constraints=_restricted(constraints, library, model.library),
+            horizons=horizons,
+        )
     best = SimulationSelection(fit, _criterion(fit, library, criterion), 0)
     seen = {best.fit.model.library}
     for rounds in range(1, ROUNDS + 1):
@@ -225,7 +240,9 @@ def linearised_factor(model: NARXModel, library: TermLibrary, data: FreeRunData)
         n_rows = piece.stop - piece.start
         if n_rows <= depth or not known[:depth].all():
             continue
-        run = free_run(model, data.X[piece], data.y[piece.start : piece.start + depth])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DivergenceWarning)  # the search turns back from there
+            run = free_run(model, data.X[piece], data.y[piece.start : piece.start + depth])
         if run.stopped_at is not None:
             return None
         simulated = run.y.copy()
