@@ -13,6 +13,20 @@ from sklearn.utils.validation import check_array, check_consistent_length
 from narx_sklearn.exceptions import NarxWarning
 
 _UNIT = re.compile(r"^\s*(.*?)\s*\[([^\]]*)\]\s*$")
+_IN_ROUND = re.compile(r"^\s*(\S.*?)\s*\(\s*([^()]*?)\s*\)\s*$")
+LONGEST_IN_ROUND = 12  # letters of a unit in round brackets, which hold words of a name as well
+_PREFIX = r"(?:da|[TGMkhdcmuµμnp])"
+_SYMBOL = (  # what is a unit wherever it stands
+    rf"(?:{_PREFIX}?(?:mol|rad|Ohm|ohm|Pa|bar|Hz|Nm|Wh|Ah|VA|[mgsAKNJWVΩΩFT])|{_PREFIX}[lLSCH]"
+    r"|°[CF]?|deg[CF]?|sec|inch|ft|psi|atm|lbf?|rev|rpm|mph|kn|%|‰|ppm|dB|counts?|pixels?|px"
+    r"|volts?|amp(?:ere)?s?|met(?:er|re)s?|newtons?|watts?|degrees?|radians?|kelvin|percent"
+    r"|(?:milli)?seconds?|minutes?|hours?)"
+)
+_POWER = r"(?:(?:\^|\*\*)?-?\d|[²³])?"
+_FACTOR = rf"(?:(?:{_SYMBOL}|in|min|[hdLlCSHU]){_POWER}|1)"  # of a quotient or product; alone some are words
+_UNIT_IN_ROUND = re.compile(rf"-|{_SYMBOL}{_POWER}|{_FACTOR}(?:\s?[*/·.]\s?{_FACTOR}|\s{_FACTOR})+")
+_TIME = re.compile(r"(?:time|t|zeit|temps|tempo|tiempo)\b", re.IGNORECASE)
+_LONG_TIME = ("min", "h", "d")  # of a time; of all else the smallest, say, and not minutes
 _NOT_WORD = re.compile(r"\W+")
 
 SMALLEST, LARGEST = 1e-75, 1e75  # magnitudes whose fourth powers are still numbers
@@ -21,9 +35,33 @@ BLOCK_ROWS = 1 << 18  # samples of a long record looked at together, so that no 
 
 
 def split_unit(label: str) -> tuple[str, str | None]:
-    """Split a column label such as ``"drive [V]"`` into name and unit."""
-    match = _UNIT.match(str(label))
-    return (match.group(1), match.group(2)) if match else (str(label).strip(), None)
+    """Split a column label such as ``"drive [V]"`` or ``"drive (V)"`` into name and unit.
+
+    Round brackets hold a unit where what they hold is made of known units; ``"position (left)"``, ``"x (2)"``
+    and ``"u(t)"`` are names.
+
+    Examples
+    --------
+    >>> from narx_sklearn._validation import split_unit
+    >>> split_unit("drive [V]"), split_unit("Zeit (ms)"), split_unit("friction (N s/m)")
+    (('drive', 'V'), ('Zeit', 'ms'), ('friction', 'N s/m'))
+    >>> split_unit("position (left)"), split_unit("u(t)")
+    (('position (left)', None), ('u(t)', None))
+    """
+    text = str(label)
+    match = _UNIT.match(text)
+    if match is None:
+        match = _IN_ROUND.match(text)
+        if match and not _is_unit(match[2], match[1]):
+            match = None
+    return (match[1], match[2]) if match else (text.strip(), None)
+
+
+def _is_unit(text: str, name: str) -> bool:
+    """Tell whether what stands in round brackets behind a name is its unit."""
+    if text in _LONG_TIME:
+        return _TIME.match(name) is not None
+    return len(text) <= LONGEST_IN_ROUND and _UNIT_IN_ROUND.fullmatch(text) is not None
 
 
 def signal_names(labels: Iterable, letter: str) -> tuple[str, ...]:

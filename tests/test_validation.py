@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV, _validation
-from narx_sklearn._validation import all_finite, blocks, check_indexes, finite_columns, session_slices
+from narx_sklearn._validation import (
+    all_finite,
+    blocks,
+    check_indexes,
+    finite_columns,
+    session_slices,
+    split_unit,
+)
 from narx_sklearn.analysis import advise
 from narx_sklearn.compensation import InverseCompensator, PrandtlIshlinskiiCompensator, RootCompensator
 from narx_sklearn.exceptions import NarxWarning
@@ -128,3 +135,38 @@ def test_an_index_that_only_counts_is_paired_by_position_in_folds_too():
     check_indexes(X_FRAME.set_axis(np.arange(200) * 0.1), Y_SERIES.set_axis(range(100, 300)))
     with pytest.raises(ValueError, match="different row labels"):
         check_indexes(X_FRAME.set_axis(np.arange(200) * 0.1), Y_SERIES.set_axis(np.arange(200) * 0.2))
+
+
+@pytest.mark.parametrize(
+    ("label", "name", "unit"),
+    [
+        ("Zeit (ms)", "Zeit", "ms"),
+        ("Position(mm)", "Position", "mm"),
+        ("friction (N s/m)", "friction", "N s/m"),
+        ("a (m/s^2)", "a", "m/s^2"),
+        ("n (1/min)", "n", "1/min"),
+        ("T (°C)", "T", "°C"),
+        ("valve ( % )", "valve", "%"),
+        ("time (min)", "time", "min"),
+        ("speed (motor) [rad/s]", "speed (motor)", "rad/s"),
+    ],
+)
+def test_a_unit_in_round_brackets_is_one(label, name, unit):
+    assert split_unit(label) == (name, unit)
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["position (left)", "u(t)", "y(k)", "x (2)", "x (1.5)", "x (max)", "x (min)", "x (L)", "flow (in)", "(V)",
+     "f (raw)", "position (m) raw", "y (sim)", "pressure (mean of both sides)"],
+)  # fmt: skip
+def test_words_and_numbers_in_round_brackets_belong_to_the_name(label):
+    assert split_unit(label) == (label, None)
+
+
+def test_signals_are_named_without_units_in_round_brackets():
+    X = pd.DataFrame({"Drive (V)": np.sin(np.arange(50.0))})
+    y = pd.Series(0.5 * np.sin(np.arange(50.0) - 1), name="Position (mm)")
+    narx = NARXRegressor(0, 1, degree=1, refine=False, n_terms=1).fit(X, y)
+    assert narx.terms_ == ["Drive[k-1]"]
+    assert narx.model_.units == {"Drive": "V", "Position": "mm"}

@@ -17,6 +17,7 @@ TIME_NAMES = frozenset(
 )
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 SECONDS |= {"d": 86400.0, "days": 86400.0}  # as spreadsheets count
+SECONDS |= {"seconds": 1.0, "milliseconds": 1e-3, "minutes": 60.0, "hours": 3600.0}
 MANY, TOO_MANY = 2, 100  # times the recorded samples, from which resampling is warned of, and refused
 UNEVEN = 0.1  # of a period, beyond which a step is neither one period nor a whole number of them
 JITTER = 0.01  # of a period, from which it is worth a note

@@ -290,7 +290,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
-            Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` give signals their names and units.
+            Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` or ``"drive (V)"`` give signals their names
+            and units.
             dask arrays and DataFrames are compressed where their partitions are; `Recordings` are read
             from their files, block by block.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
@@ -795,8 +796,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         warnings.warn(
             f"The free run of the fitted model {what} of its own record, and {failed}: predict and score, "
             "which simulate, are of no use, while predict_one_step may be. Try fewer terms (n_terms, "
-            f'size="free_run"), other lags, a lower degree, {way}or, where predictions one step ahead are all '
-            "that is wanted, refine=False.",
+            f"size='free_run'), other lags, a lower degree, {way}or, where predictions one step ahead are "
+            "all that is wanted, refine=False.",
             DivergenceWarning,
             stacklevel=4,
         )
