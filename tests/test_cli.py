@@ -138,6 +138,7 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
         ),
         (["diagnose", "{bench}", "--model", "{servo}:sim"], "has no 'sim'; it holds simulator"),
         (["diagnose", "{bench}", "--model", "{servo}:number"], "'number' is of type int; wanted is a Sim"),
+        (["diagnose", "{bench}", "--dt", "0.02"], "bench.csv one of 0.01 s. Leave out --dt to"),
         (["diagnose", "{bench}", "--u", "1"], "--u 1: column 'time [s]' is the time"),
         (
             ["diagnose", "{bench}", "--model", "{servo}:make", "--y-sim", "1"],
@@ -188,7 +189,7 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
     ("arguments", "message"),
     [
         (
-            ["diagnose", "{bench}", "--model", "{servo}", "--dt", "10"],
+            ["diagnose", "{bench}", "--model", "{servo}", "--time=none", "--dt=10"],
             "That is 1000 times as much: is --dt in ms? It is wanted in s: pass --dt 0.01. Else give",
         ),
         (
@@ -198,7 +199,7 @@ def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message
         (["diagnose", "absent.csv"], "Cannot read absent.csv: No such file"),
         (["diagnose", "{bench}", "--model", "absent.py"], "Cannot read the model absent.py"),
         (
-            ["diagnose", "{bench}", "--model", "{servo}", "--dt", "0.02"],
+            ["diagnose", "{bench}", "--model", "{servo}", "--time=none", "--dt=0.02"],
             "sampled every 0.02 s, the simulator 0.01 s",
         ),
         (

@@ -164,6 +164,48 @@ def test_a_gap_in_time_begins_another_session(tmp_path):
     assert any("1 gap in time" in note for note in sampled.notes)
 
 
+def test_a_period_that_agrees_with_the_time_column_hides_no_gap(tmp_path):
+    table = read_table(written(tmp_path, record(",", ".", times=[0.0, 0.5, 5.0, 5.5])))
+    sampled = sample_evenly(table, dt=0.502)
+    assert sampled.dt == pytest.approx(0.5)
+    assert sampled.sessions.tolist() == [0, 0, 1, 1]
+
+
+def test_a_period_that_differs_from_the_time_column_is_refused_unless_the_column_is_set_aside(tmp_path):
+    table = read_table(written(tmp_path, record(",", ".")))
+    told = (
+        r"--dt .* of 0.02 s, column 'time \[s\]' of .* 0.5 s. Leave out --dt .*--resample 0.02 .*--time none"
+    )
+    with pytest.raises(UsageError, match=told):
+        sample_evenly(table, dt=0.02)
+    with pytest.raises(UsageError, match=r"is column 'time \[s\]' in ms\?"):
+        sample_evenly(table, dt=0.5e-3)
+    with pytest.raises(UsageError, match=r"of 0.02 s, --resample a grid of 0.25 s"):
+        sample_evenly(table, dt=0.02, resample=0.25)
+    sampled = sample_evenly(table, dt=0.02, time="none")
+    assert sampled.dt == 0.02
+    assert list(sampled.frame) == ["drive [V]", "position [m]"]
+    assert "Column 'time [s]' is set aside; samples are counted, and no gap is seen." in sampled.notes
+    named = read_table(written(tmp_path, "none,u\n0,1\n1,2\n"))
+    assert list(sample_evenly(named, time="none").frame) == ["u"]
+
+
+def test_rows_that_are_there_twice_are_dropped_and_told(tmp_path):
+    table = read_table(written(tmp_path, "t [s],u,y\n0,1,2\n1,2,\n1,2,\n2,3,4\n2,3,4\n3,3,4\n"))
+    sampled = sample_evenly(table)
+    assert sampled.frame["u"].tolist() == [1, 2, 3, 3]
+    assert sampled.dt == 1.0
+    assert "2 rows repeat the rows before, their time and all their values; dropped." in sampled.notes
+
+
+def test_rows_of_one_time_that_differ_are_refused_with_a_way_that_goes(tmp_path):
+    table = read_table(written(tmp_path, "t [s],u,y\n0,1,2\n0,1,2\n1,3,4\n1,4,4\n"))  # stamps are coarse
+    told = r"Time stands still .* after row 1 .*that differ cannot both be right.*--time none"
+    with pytest.raises(DataError, match=told):
+        sample_evenly(table)
+    assert sample_evenly(table, time="none", dt=0.5).dt == 0.5
+
+
 def test_uneven_sampling_is_refused_with_a_way_out_and_resampled_on_demand(tmp_path):
     table = read_table(written(tmp_path, record(",", ".", times=[0.0, 0.5, 1.2, 1.5])))
     with pytest.raises(DataError, match=r"uneven: steps .* between 0\.3 s and 0\.7 s.*--resample"):

@@ -9,7 +9,7 @@ from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
-from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
+from narx_sklearn.cli._sampling import NONE, find_column, same_period, sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import (
     InverseCompensator,
@@ -126,9 +126,8 @@ def _read_reference(options, others, dt: float | None):
     table = read_table(options.reference)
     # the options name columns of the record where there is one, and of the reference where there is none
     own = options.record is None
-    sampled = sample_evenly(
-        table, dt=options.dt, time=options.time if own else None, resample=options.resample if own else None
-    )
+    time = options.time if own or options.time == NONE else None
+    sampled = sample_evenly(table, dt=options.dt, time=time, resample=options.resample if own else None)
     _check_period(sampled.dt, dt, options)
     labels = list(sampled.frame.columns)
     beside = [find_column(labels, name, "The law also needs the input") for name in others]

@@ -134,10 +134,15 @@ def _record_options(parser, *, y_sim: bool = False) -> None:
     group.add_argument("--y", metavar="NAMES", help="output columns")
     if y_sim:
         group.add_argument("--y-sim", metavar="NAMES", help="simulated outputs, in the order of the outputs")
-    group.add_argument("--time", metavar="NAME", help="column that holds the time")
+    group.add_argument(
+        "--time", metavar="NAME", help="column that holds the time; none: set it aside and count samples"
+    )
     group.add_argument("--session", metavar="NAME", help="column whose changes begin another recording")
     group.add_argument(
-        "--dt", type=positive, metavar="SECONDS", help="sampling period, where no column tells"
+        "--dt",
+        type=positive,
+        metavar="SECONDS",
+        help="sampling period, where no column tells; a time column must agree",
     )
     group.add_argument(
         "--resample",

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ TIME_NAMES = frozenset(
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 SECONDS |= {"d": 86400.0, "days": 86400.0}  # as spreadsheets count
 SECONDS |= {"seconds": 1.0, "milliseconds": 1e-3, "minutes": 60.0, "hours": 3600.0}
+NONE = "none"  # asked for as the time column: no column tells the time
 MANY, TOO_MANY = 2, 100  # times the recorded samples, from which resampling is warned of, and refused
 UNEVEN = 0.1  # of a period, beyond which a step is neither one period nor a whole number of them
 JITTER = 0.01  # of a period, from which it is worth a note
@@ -63,9 +65,10 @@ def sample_evenly(
     table : Table
         As read.
     dt : float, optional
-        Sampling period, s; where given, the table's time column is set aside.
+        Sampling period, s, where no column tells; a time column that tells must agree.
     time : str, optional
-        Name of the time column; guessed from names and time stamps when not given.
+        Name of the time column; guessed from names and time stamps when not given. ``none``, where no column
+        is called so, sets aside what would be guessed: samples are then counted, and no gap is seen.
     session : str, optional
         Name of a column whose changes begin another recording, in which time may begin anew.
     resample : float, optional
@@ -78,26 +81,34 @@ def sample_evenly(
     Raises
     ------
     UsageError
-        If an option names no column, or resampling was asked for where nothing tells the time.
+        If an option names no column, resampling was asked for where nothing tells the time, or ``dt`` is
+        not the period of the time column or grid.
     DataError
-        If time is in words or missing in places, runs backwards, or is uneven and no resampling was asked
-        for, or if resampling makes more than a hundred samples of each.
+        If time is in words or missing in places, runs backwards or stands still between rows that differ,
+        or is uneven and no resampling was asked for, or if resampling makes more than a hundred samples of
+        each.
 
     Warns
     -----
     ExcitationWarning
         If resampling makes more than two samples of each.
     """
-    column = _time_column(table, time)
+    column, aside = _time_column(table, time), set()
+    if time is not None and column is None:
+        aside = {_time_column(table, None), *table.stamped} - {None}
+    elif time is None and dt is not None and column in table.words:  # which tell no time
+        aside, column = {column}, None
+    table, repeats = _without_repeats(table, column)
     label = None if session is None else find_column(list(map(str, table.frame)), session, "--session")
-    frame = table.frame.drop(columns={column, label, *table.words} - {None})
+    frame = table.frame.drop(columns={column, label, *aside, *table.words} - {None})
     same = np.ones(max(len(frame) - 1, 0), dtype=bool) if label is None else _same_session(table, label)
     if column is None and resample is not None:
         raise UsageError("--resample needs a time column; name it with --time.")
-    if column is None or (dt is not None and resample is None):
-        return Sampled(frame, dt, _numbered(~same), table.notes)
+    if column is None:
+        told = [f"Column {name!r} is set aside; samples are counted, and no gap is seen." for name in aside]
+        return Sampled(frame, dt, _numbered(~same), (*table.notes, *sorted(told)))
     t, notes = _in_seconds(table, column)
-    notes = [*table.notes, *notes]
+    notes = [*table.notes, *repeats, *notes]
     steps = np.diff(t)
     if not same.any():
         raise DataError(
@@ -108,6 +119,7 @@ def sample_evenly(
     period = resample or float(np.median(steps[same]))
     clock = None if column in table.stamped else column
     if resample is not None:
+        _check_same_grid(dt, period)
         _check_growth(t, same, period, clock, table.source)
         frame, sessions = _resampled(frame, t, same, period)
         notes.append(f"Resampled onto a grid of {period:.6g} s: {len(frame)} samples.")
@@ -122,6 +134,7 @@ def sample_evenly(
             "0.01 s."
         )
     period = float(steps[same].sum() / whole[same].sum())
+    _check_agrees(dt, period, column, clock, table.source)
     if off.max() > JITTER:
         notes.append(f"Time stamps jitter by up to {100 * off.max():.2g} % of a period; taken as even.")
     gaps = same & (whole > 1)
@@ -132,6 +145,49 @@ def sample_evenly(
         )
     notes.append(f"Sampling period {period:.6g} s, from column {column!r}.")
     return Sampled(frame, period, _numbered(~same | gaps), tuple(notes), clock)
+
+
+def _without_repeats(table: Table, column: str | None) -> tuple[Table, list[str]]:
+    """Drop rows that repeat the one before to the last cell, where all that repeat its time do."""
+    if column is None or column in table.words:
+        return table, []
+    rows = table.frame.to_numpy(dtype=float)
+    again = rows[1:] == rows[:-1]
+    still = again[:, table.frame.columns.get_loc(column)]
+    copies = (again | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    # where some rows of one time differ, stamps may be coarse, and what looks alike may be a system at rest
+    if not copies.any() or (still & ~copies).any():
+        return table, []
+    kept = table.frame[np.concatenate([[True], ~copies])].reset_index(drop=True)
+    n = int(copies.sum())
+    told = "1 row repeats the row" if n == 1 else f"{n} rows repeat the rows"
+    note = (
+        f"{told} before, its time and all its values; dropped."
+        if n == 1
+        else (f"{told} before, their time and all their values; dropped.")
+    )
+    return replace(table, frame=kept), [note]
+
+
+def _check_agrees(dt: float | None, period: float, column: str, clock: str | None, source: str) -> None:
+    """Raise where an option gives another period than the time column, which tells gaps too."""
+    if same_period(dt, period):
+        return
+    assert dt is not None
+    unit = "" if clock is None else other_unit(period, dt, column)
+    raise UsageError(
+        f"--dt gives a sampling period of {dt:.6g} s, column {column!r} of {source} one of {period:.6g} s. "
+        f"{unit}{'Else leave' if unit else 'Leave'} out --dt to go by the column, pass --resample {dt:.6g} "
+        "to interpolate onto that period, or --time none to set the column aside and count samples."
+    )
+
+
+def _check_same_grid(dt: float | None, period: float) -> None:
+    if not same_period(dt, period):
+        raise UsageError(
+            f"--dt gives a sampling period of {dt:.6g} s, --resample a grid of {period:.6g} s. Pass one of "
+            "them: --resample where samples are to be interpolated."
+        )
 
 
 def other_unit(recorded: float, wanted: float, column: str | None) -> str:
@@ -188,12 +244,18 @@ def _numbered(edges: np.ndarray) -> np.ndarray:
 
 def _time_column(table: Table, asked: str | None) -> str | None:
     labels = list(table.frame.columns)
+    if asked is not None and asked.strip().lower() == NONE and NONE not in map(_lower_name, labels):
+        return None
     if asked is not None:
         return find_column(labels, asked, "--time")
     if table.stamped:  # a date and a clock in columns of their own: the clock has more to say
         return max(table.stamped, key=lambda label: (table.frame[label].nunique(), label))
-    named = [label for label in labels if split_unit(label)[0].strip().lower() in TIME_NAMES]
+    named = [label for label in labels if _lower_name(label) in TIME_NAMES]
     return min(named, key=lambda label: label in table.words, default=None)  # numbers before words
+
+
+def _lower_name(label: str) -> str:
+    return split_unit(label)[0].strip().lower()
 
 
 def _in_seconds(table: Table, column: str) -> tuple[np.ndarray, list[str]]:
@@ -201,15 +263,15 @@ def _in_seconds(table: Table, column: str) -> tuple[np.ndarray, list[str]]:
         raise DataError(
             f"Column {column!r} of {table.source} holds words such as {table.words[column]!r}, which cannot "
             "be read as times. Wanted are numbers, or times written like 00:01:02.5, 01:02.5 or "
-            "2025-01-31T12:00:00.5. Rewrite them, name another column with --time, or pass the sampling "
-            "period with --dt."
+            "2025-01-31T12:00:00.5. Rewrite them, name another column with --time, or pass --time none, and "
+            "the sampling period with --dt."
         )
     t = table.frame[column].to_numpy()
     lost = np.flatnonzero(~np.isfinite(t))
     if lost.size:
         raise DataError(
             f"Column {column!r} of {table.source} has no time in row {lost[0] + 1} of the values "
-            f"({lost.size} in all). Fill it in, or pass the sampling period with --dt."
+            f"({lost.size} in all). Fill it in, or pass --time none, and the sampling period with --dt."
         )
     if column in table.stamped:
         return t, []
@@ -217,7 +279,7 @@ def _in_seconds(table: Table, column: str) -> tuple[np.ndarray, list[str]]:
     if unit and unit not in SECONDS:
         raise DataError(
             f"Column {column!r} counts time in {unit!r}, which is not known; known are {', '.join(SECONDS)}. "
-            "Rename the column or pass the sampling period with --dt."
+            "Rename the column, or pass --time none, and the sampling period with --dt."
         )
     return t * SECONDS[unit or "s"], [] if unit else [f"Column {column!r} has no unit; taken as seconds."]
 
@@ -226,13 +288,20 @@ def _check_forward(t: np.ndarray, same: np.ndarray, column: str, source: str) ->
     back = np.flatnonzero(same & (np.diff(t) <= 0))
     if back.size:
         k = int(back[0])
-        what = "stands still" if t[k + 1] == t[k] else "runs backwards"
-        raise DataError(
-            f"Time {what} in {source} after row {k + 1} of the values: column {column!r} goes from "
-            f"{t[k]:.6g} s to {t[k + 1]:.6g} s ({back.size} of {len(t) - 1} steps). "
-            "Sort the rows or take out repeated ones; name the column that tells recordings apart with "
-            "--session; or pass the sampling period with --dt."
+        told = (
+            f"in {source} after row {k + 1} of the values: column {column!r} goes from {t[k]:.6g} s to "
+            f"{t[k + 1]:.6g} s ({back.size} of {len(t) - 1} steps). "
         )
+        way = (
+            "name the column that tells recordings apart with --session; or, where rows were written at an "
+            "even rate, pass --time none, and the sampling period with --dt."
+        )
+        if t[k + 1] == t[k]:
+            raise DataError(
+                f"Time stands still {told}Rows of one time that differ cannot both be right: keep one of "
+                f"them, or their mean (rows that repeat the row before to the last cell are dropped); {way}"
+            )
+        raise DataError(f"Time runs backwards {told}Sort the rows; {way}")
 
 
 def _longest(t: np.ndarray, same: np.ndarray, period: float) -> float:

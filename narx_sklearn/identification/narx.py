@@ -290,8 +290,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
-            Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` or ``"drive (V)"`` give signals their names
-            and units.
+            Inputs. NaN marks gaps. Columns named like ``"drive [V]"`` or ``"drive (V)"`` give signals
+            their names and units.
             dask arrays and DataFrames are compressed where their partitions are; `Recordings` are read
             from their files, block by block.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
