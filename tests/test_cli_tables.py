@@ -83,6 +83,30 @@ def test_missing_values_are_nan(tmp_path, mark):
     assert frame.isna().to_numpy().sum() == 1
 
 
+@pytest.mark.parametrize("ending", [";", ""], ids=["header too", "values only"])
+def test_a_separator_at_the_end_of_each_line_makes_no_column(tmp_path, ending):
+    rows = [f"{t};{u};{y};" for t, u, y in zip(TIMES, U, Y, strict=True)]
+    text = "\n".join(["time [s];drive [V];position [m]" + ending, *rows])
+    table = read_table(written(tmp_path, text))
+    assert "Column 4 has no name and no value; left out." in table.notes
+    sampled = sample_evenly(table)
+    assert list(sampled.frame) == ["drive [V]", "position [m]"]
+    with pytest.raises(UsageError, match="that column has no name and no value"):
+        asked_columns(table, list(sampled.frame), "4", "--u")
+
+
+def test_a_nameless_empty_column_in_the_middle_counts_where_columns_are_numbered(tmp_path):
+    table = read_table(written(tmp_path, "t,,u,y\n0,,1,2\n1,,2,3\n2,,4,5\n"))
+    sampled = sample_evenly(table)
+    assert list(sampled.frame) == ["u", "y"]
+    assert asked_columns(table, list(sampled.frame), "3", "--u") == ["u"]
+
+
+def test_a_column_with_a_name_or_a_value_stays(tmp_path):
+    table = read_table(written(tmp_path, "t,u,,z\n0,1,,\n1,2,7,\n2,4,,\n"))
+    assert list(sample_evenly(table).frame) == ["u", "column 3", "z"]
+
+
 def test_iso_time_stamps_give_the_period(tmp_path):
     rows = "\n".join(f"2026-03-01T12:00:0{k // 2}.{5 * (k % 2)}00Z;{k},5" for k in range(8))
     sampled = sample_evenly(read_table(written(tmp_path, "when;u\n" + rows)))

@@ -261,6 +261,8 @@ def asked_columns(table: Table, signals: list[str], asked: str | None, option: s
             raise UsageError(
                 f"{option} {asked}: column {label!r} holds words such as {table.words[label]!r}, not numbers."
             )
+        if label in table.empty:
+            raise UsageError(f"{option} {asked}: that column has no name and no value.")
         if label not in signals:
             raise UsageError(f"{option} {asked}: column {label!r} is the time, or tells sessions apart.")
     return found

@@ -109,12 +109,18 @@ def _header(rows: list[list[str]], width: int, decimal: str) -> tuple[tuple[str,
     """Return labels, whether they were read, and the row at which the values begin."""
     first = next((i for i, row in enumerate(rows) if _is_data(row, width, decimal)), len(rows))
     above = [row for row in rows[:first] if len(row) == width]
+    if not above and first and len(rows[first - 1]) == width - 1 and _end_in_nothing(rows, width):
+        above = [[*rows[first - 1], ""]]  # a separator ends each line of values, and not the header
     if not above:
         return tuple(f"column {i + 1}" for i in range(width)), False, first
     labels = above[-1]
     if len(above) > 1 and _are_units(labels):
         labels = [_with_unit(label, unit) for label, unit in zip(above[-2], labels, strict=True)]
     return tuple(label.strip() or f"column {i + 1}" for i, label in enumerate(labels)), True, first
+
+
+def _end_in_nothing(rows: list[list[str]], width: int) -> bool:
+    return all(not row[-1].strip() for row in rows if len(row) == width)
 
 
 def _is_data(row: list[str], width: int, decimal: str) -> bool:

@@ -100,7 +100,7 @@ def sample_evenly(
         aside, column = {column}, None
     table, repeats = _without_repeats(table, column)
     label = None if session is None else find_column(list(map(str, table.frame)), session, "--session")
-    frame = table.frame.drop(columns={column, label, *aside, *table.words} - {None})
+    frame = table.frame.drop(columns={column, label, *aside, *table.words, *table.empty} - {None})
     same = np.ones(max(len(frame) - 1, 0), dtype=bool) if label is None else _same_session(table, label)
     if column is None and resample is not None:
         raise UsageError("--resample needs a time column; name it with --time.")

@@ -4,7 +4,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -36,6 +36,9 @@ class Table:
         What was guessed, in sentences.
     source : str
         Where it came from.
+    empty : frozenset of str
+        Labels given to columns without a name and without any value, as a separator at the end of each line
+        makes one; they count where columns are numbered, and are no signals.
     """
 
     frame: pd.DataFrame
@@ -43,6 +46,7 @@ class Table:
     words: dict[str, str]
     notes: tuple[str, ...]
     source: str
+    empty: frozenset[str] = frozenset()
 
 
 def read_table(source: str) -> Table:
@@ -134,7 +138,11 @@ def _from_text(text: str, layout: Layout, notes: list[str], source: str) -> Tabl
             "the cell, or leave it empty where the value is missing."
         )
 
-    return _table({name: raw[name] for name in layout.names}, layout.decimal, blame, notes, source)
+    read = {name: raw[name] for name in layout.names}
+    empty = [f"column {i + 1}" for i, name in enumerate(read) if name == f"column {i + 1}"]
+    empty = [name for name in empty if layout.has_header and raw[name].isna().all()]
+    notes += [f"{name.capitalize()} has no name and no value; left out." for name in empty]
+    return replace(_table(read, layout.decimal, blame, notes, source), empty=frozenset(empty))
 
 
 def _check_names(names: Sequence[str], source: str) -> None:
