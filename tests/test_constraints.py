@@ -124,3 +124,16 @@ def test_unreadable_constraints_say_what_is_wanted(constraints, message):
 def test_a_constant_that_is_no_candidate_is_named_as_it_was_written():
     with pytest.raises(ValueError, match="names constant, which is not among the 1 candidate terms; check"):
         parse_constraints("constant = 1", TermLibrary(["y[k-1]"]))
+
+
+def test_what_a_message_calls_the_constant_term_can_be_typed():
+    library = TermLibrary(["1", "y[k-1]"])
+    with pytest.raises(ValueError, match=r"The candidates are constant, y\[k-1\]\."):
+        parse_constraints("y[k-9] = 1", library)
+    np.testing.assert_array_equal(parse_constraints("constant = 0.2", library).S, [[1.0, 0.0]])
+
+
+@pytest.mark.parametrize("text", ["1 = 9", "2*1 = 9", "9 = 9"])
+def test_a_constraint_of_numbers_alone_says_what_the_constant_term_is_called(text):
+    with pytest.raises(ValueError, match=r"names no term.*Write constant for the constant term"):
+        parse_constraints(text, TermLibrary(["1", "y[k-1]"]))

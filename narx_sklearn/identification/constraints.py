@@ -182,7 +182,13 @@ def _parse_one(text: str, library: TermLibrary, intercept: str) -> tuple[np.ndar
         raise ValueError(f"Cannot read the constraint {text!r}; write it like 'y[k-1] + y[k-2] = 1'.")
     marker = "constant_[k]"  # a stand-in, as the constant term itself reads as a number
     word = re.compile(rf"\b{re.escape(intercept)}\b(?!\s*\[)")  # not part of a name, nor a signal's name
-    difference = Polynomial.parse(word.sub(marker, left)) - Polynomial.parse(word.sub(marker, right))
+    sides = [Polynomial.parse(word.sub(marker, side)) for side in (left, right)]
+    difference = sides[0] - sides[1]
+    if not any(term.factors for side in sides for term in side.library):
+        raise ValueError(
+            f"The constraint {text!r} names no term: numbers in it are numbers. Write {intercept} for the "
+            f"constant term, which is written 1 elsewhere, as in '{intercept} = 9'."
+        )
     row = np.zeros(len(library))
     for term, value in difference.items:
         if not term.factors:
@@ -192,13 +198,13 @@ def _parse_one(text: str, library: TermLibrary, intercept: str) -> tuple[np.ndar
             called = str(term) if named.factors else intercept
             raise ValueError(
                 f"The constraint {text!r} names {called}, which is not among the {len(library)} candidate "
-                f"terms; {_way_to_candidates(named, library)}"
+                f"terms; {_way_to_candidates(named, library, intercept)}"
             )
         row[library.index(named)] += value
     return row, -difference[Term()]
 
 
-def _way_to_candidates(term: Term, library: TermLibrary) -> str:
+def _way_to_candidates(term: Term, library: TermLibrary, intercept: str) -> str:
     """Say how a term that is no candidate may be meant: of other signals, or of other lags and degrees."""
     unknown, signals = sorted(term.signals - library.signals), sorted(library.signals)
     if unknown:
@@ -206,7 +212,8 @@ def _way_to_candidates(term: Term, library: TermLibrary) -> str:
             f"{', '.join(map(repr, unknown))} is none of the signals, which are {signals}. Signals of a "
             "table are named by its columns, without units."
         )
-    shown = ", ".join(library.names[:LISTED]) + (", ..." if len(library) > LISTED else "")
+    names = [str(term) if term.factors else intercept for term in library.terms[:LISTED]]  # as they are typed
+    shown = ", ".join(names) + (", ..." if len(library) > LISTED else "")
     return f"check lags, degree and fit_intercept. The candidates are {shown}."
 
 

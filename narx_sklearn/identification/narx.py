@@ -139,8 +139,10 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         takes more terms than half of the usable samples.
     constraints : str, list of str or (S, c), default=None
         Equality constraints on the parameters, ``"y[k-1] + y[k-2] = 1"`` (2.47); with several outputs a
-        mapping from their names. Signals of a table are named by its columns, without units. Parameters are
-        those of the signals in their units. ``"continuum"`` is
+        mapping from their names. A term stands for its parameter, and ``constant`` for that of the constant
+        term, which is ``1`` in ``terms_`` and a number here: ``"constant = 0.2"``. Signals of a table are
+        named by its columns, without units. Parameters are those of the signals in their units, counted from
+        ``origin``. ``"continuum"`` is
         Lemma 4.1 for models with hysteresis: the linear output parameters sum to 1, so that with
         ``structure="hysteresis"`` every output is a steady state.
     estimator : {"ls", "ridge", "els", "rls"}, default="ls"
