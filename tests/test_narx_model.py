@@ -297,7 +297,7 @@ def test_expanded_model_has_no_origin_and_the_binomial_coefficients():
 
 def test_text_names_the_operating_point_with_units():
     assert str(full_model()).splitlines()[-1] == (
-        "  in deviations from the operating point: y1 - 300 m, u2 - -1.5"
+        "  in deviations from the operating point: y1 - 300 m, u2 + 1.5"
     )
     assert "phi2" not in str(full_model())  # defined but in no equation
 
@@ -306,3 +306,32 @@ def test_latex_has_one_line_for_each_output():
     lines = full_model().latex().splitlines()
     assert len(lines) == 2
     assert lines[0] == r"y_{1,k} = 0.5\, y_{1,k-1} + 0.1\, u_{2,k} \phi_{1,k-1}^{2} \\"
+
+
+def test_what_is_printed_is_read():
+    text = "speed[k] = 0.5*speed[k-1] - 2*drive[k-1]^2"
+    model = NARXModel.from_equations(text, inputs=["drive"])
+    assert str(model) == text
+    two = NARXModel.from_equations("y1[k] = 0.5*y2[k-1]\ny2[k] = u[k-1] + 1")
+    assert NARXModel.from_equations(str(two)) == two
+    assert NARXModel.from_equations({"y": "y[k] = 0.5*y[k-1]"}) == NARXModel.from_equations("0.5*y[k-1]")
+
+
+@pytest.mark.parametrize(
+    ("equations", "message"),
+    [
+        ("y[k] = 0.5*y[k-1]\n  phi1[k] = u[k] - u[k-1]", "is passed as phi and origin"),
+        ("y[k-1] = 0.5*y[k-2]", "write it like 'y"),
+        ("y[k] = y[k-1]\ny[k] = u[k-1]", "two equations of 'y'"),
+        ({"z": "y[k] = 0.5*y[k-1]"}, "given for 'z' is that of 'y'"),
+        ("y[k] = 0.5*y[k-1] + drive[k-1]", r"Say what they are, as with inputs=\['drive'\] or outputs"),
+    ],
+)
+def test_equations_that_cannot_be_read_say_how_they_are_written(equations, message):
+    with pytest.raises(ValueError, match=message):
+        NARXModel.from_equations(equations)
+
+
+def test_an_operating_point_below_zero_has_one_sign():
+    model = NARXModel.from_equations("0.5*y[k-1]", origin={"y": 3, "u": -0.013624}, units={"u": "V"})
+    assert str(model).endswith("operating point: y - 3, u + 0.013624 V")

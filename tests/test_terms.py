@@ -193,6 +193,8 @@ def test_product_with_something_else_is_not_defined():
 def test_latex_writes_numbers_of_signals_and_lags_as_subscripts():
     assert Term.parse("y[k-1]*u2[k]^3*phi1[k-2]").latex() == r"y_{k-1} u_{2,k}^{3} \phi_{1,k-2}"
     assert Variable("coil_drive", 1).latex() == r"\mathrm{coil\_drive}_{k-1}"
+    assert Variable("Öl_Druck", 1).latex() == r"\text{Öl\_Druck}_{k-1}"  # math mode sets no accents
+    assert Variable("ö1", 0).latex() == r"\text{ö}_{1,k}"
     assert Term().latex() == "1"
 
 

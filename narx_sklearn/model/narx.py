@@ -1,6 +1,7 @@
 """The immutable NARX model: equations, signals and units, as a value that is printed, saved and compared."""
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ __all__ = ["NARXModel"]
 
 FORMAT = "narx_sklearn.NARXModel"
 VERSION = 1
+LEFT_SIDE = re.compile(r"\s*([^\W\d]\w*)\s*\[\s*k\s*\]\s*=(?!=)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,8 @@ class NARXModel:
         if unknown:
             raise ValueError(
                 f"The terms use {sorted(unknown)}, which are neither outputs {list(self.outputs)}, inputs "
-                f"{list(self.inputs)} nor phi regressors {[p.name for p in self.phi]}."
+                f"{list(self.inputs)} nor phi regressors {[p.name for p in self.phi]}. Say what they are, as "
+                f"with inputs={sorted(unknown)[:1]} or outputs={sorted(unknown)[-1:]}."
             )
         for phi in self.phi:
             if not phi.signals <= set(self.outputs + self.inputs):
@@ -159,14 +162,23 @@ class NARXModel:
         Parameters
         ----------
         equations : str, Polynomial, or mapping
-            The right-hand side of the only output; or a mapping from output names to right-hand sides; or
-            a mapping from terms to coefficients.
+            The right-hand side of the only output, or whole equations as they are printed, ``"y[k] = ..."``,
+            one a line; or a mapping from output names to right-hand sides; or a mapping from terms to
+            coefficients.
         **fields
-            Further arguments of the model (``inputs``, ``phi``, ...).
+            Further arguments of the model (``outputs``, ``inputs``, ``phi``, ``origin``, ...). Where the
+            signals are called otherwise than y and u, ``inputs`` names the inputs, and ``outputs`` the
+            outputs that no equation names.
 
         Returns
         -------
         NARXModel
+
+        Raises
+        ------
+        ValueError
+            If a text cannot be read, an equation is of another output than it is given for, or a signal is
+            neither output, input nor phi regressor.
 
         Examples
         --------
@@ -177,12 +189,16 @@ class NARXModel:
         y[k] = y[k-1] + 0.77*phi1[k-1] + 0.0142*u[k-1]*phi1[k-1]*phi2[k-1]
           phi1[k] = u[k] - u[k-1]
           phi2[k] = sign(u[k] - u[k-1])
+        >>> print(NARXModel.from_equations("speed[k] = drive[k-1] + 0.5*speed[k-1]", inputs=["drive"]))
+        speed[k] = drive[k-1] + 0.5*speed[k-1]
         """
         outputs = fields.pop("outputs", None)
+        if isinstance(equations, str) and "=" in equations:
+            equations = equations_of(equations)
         if isinstance(equations, Mapping):
             values = list(equations.values())
             if all(isinstance(v, str | Polynomial | Mapping) for v in values) and values:
-                sides = {str(name): as_polynomial(side) for name, side in equations.items()}
+                sides = {str(name): as_polynomial(side, str(name)) for name, side in equations.items()}
             else:
                 sides = {outputs[0] if outputs else "y": Polynomial(equations)}
         else:
@@ -288,7 +304,7 @@ class NARXModel:
         lines += [f"  {p.name}[k] = {p.describe()}" for p in self.phi if p.name in self.library.signals]
         if self.origin:
             points = ", ".join(
-                f"{signal} - {value:.{digits}g}{self._unit_suffix(signal)}"
+                f"{signal} {'-' if value > 0 else '+'} {abs(value):.{digits}g}{self._unit_suffix(signal)}"
                 for signal, value in self.origin.items()
             )
             lines.append(f"  in deviations from the operating point: {points}")
@@ -304,7 +320,7 @@ class NARXModel:
         return f"<NARXModel: {self.n_terms} terms, outputs {self.outputs}, inputs {self.inputs}>"
 
     def latex(self, digits: int = 5) -> str:
-        """Return the equations in LaTeX, one a line."""
+        """Return the equations in LaTeX, one a line; names beyond ASCII stand in ``\\text`` of amsmath."""
         return " \\\\\n".join(
             f"{next(iter(TermLibrary([output + '[k]']))).latex()} = {side.latex(digits)}"
             for output, side in self.equations.items()
@@ -394,8 +410,33 @@ def replace_name(phi: Phi, name: str) -> Phi:
     return replace(phi, name=name)
 
 
-def as_polynomial(side: "str | Polynomial | Mapping") -> Polynomial:
-    """Return a right-hand side as a polynomial, reading texts."""
+def as_polynomial(side: "str | Polynomial | Mapping", output: str | None = None) -> Polynomial:
+    """Return a right-hand side, or the equation of an output, as a polynomial, reading texts."""
     if isinstance(side, Polynomial):
         return side
-    return Polynomial.parse(side) if isinstance(side, str) else Polynomial(side)
+    if not isinstance(side, str):
+        return Polynomial(side)
+    if "=" in side:
+        ((named, side),) = equations_of(" ".join(side.split())).items()
+        if output is not None and named != output:
+            raise ValueError(
+                f"The equation given for {output!r} is that of {named!r}; name one of them anew."
+            )
+    return Polynomial.parse(side)
+
+
+def equations_of(text: str) -> dict[str, str]:
+    """Return right-hand sides by output of equations as they are printed, one a line."""
+    found: dict[str, str] = {}
+    for line in filter(str.strip, text.strip().splitlines()):
+        match = LEFT_SIDE.match(line)
+        if match is None or line[0].isspace():
+            raise ValueError(
+                f"Cannot read {line.strip()!r} as an equation; write it like 'y[k] = 0.5*y[k-1] + u[k-1]', "
+                "one a line. What print writes below the equations is passed as phi and origin; save and "
+                "load keep all of a model."
+            )
+        if match[1] in found:
+            raise ValueError(f"There are two equations of {match[1]!r}; an output has one.")
+        found[match[1]] = line[match.end() :]
+    return found

@@ -96,16 +96,16 @@ class Variable:
         return f"{self.signal}[k{-self.lag:+d}]"
 
     def latex(self) -> str:
-        """Return the variable in LaTeX, subscripted as in the literature."""
+        """Return the variable in LaTeX, subscripted as in the literature.
+
+        A name with letters beyond ASCII stands in ``\\text`` (amsmath): in math mode accents are not set.
+        """
         stem = self.signal.rstrip("0123456789")
         number = self.signal[len(stem) :]
-        letter = (
-            r"\phi"
-            if stem == "phi"
-            else stem
-            if len(stem) == 1
-            else "\\mathrm{" + stem.replace("_", r"\_") + "}"
-        )
+        face = "mathrm" if stem.isascii() else "text"
+        written = stem.replace("_", r"\_")
+        letter = stem if len(stem) == 1 and stem.isascii() else rf"\{face}{{{written}}}"
+        letter = r"\phi" if stem == "phi" else letter
         time = "k" if self.lag == 0 else f"k{-self.lag:+d}"
         return f"{letter}_{{{number + ',' if number else ''}{time}}}"
 
