@@ -98,8 +98,8 @@ def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
     Raises
     ------
     TypeError, ValueError
-        If it is no sequence, or one is no `Phi`, is a function of an unknown signal, or has the name of
-        something else.
+        If it is no sequence, or one is no `Phi`, is a function of an unknown signal, the same as another,
+        or has the name of something else.
     """
     if isinstance(phi, Phi | str) or not isinstance(phi, Iterable):
         raise TypeError(f"phi must be a sequence of phi regressors, such as [Difference('u')], got {phi!r}.")
@@ -112,6 +112,13 @@ def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
             raise ValueError(
                 f"phi[{i}] is a function of {sorted(missing)}; the signals here (n_features={len(signals)}) "
                 f"are {list(signals)}."
+            )
+        first = next(
+            (j for j, other in enumerate(named) if replace_name(other, "phi") == replace_name(one, "phi")), i
+        )
+        if first < i:
+            raise ValueError(
+                f"phi[{i}] is phi[{first}] again, {one.describe()}; no record tells the two apart. Leave one out."
             )
         named.append(one if one.name is not None else replace_name(one, f"phi{i + 1}"))
     names = [*signals, *(str(p.name) for p in named)]
