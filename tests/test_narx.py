@@ -174,6 +174,7 @@ def test_constraints_hold_to_rounding(record, estimator, refine):
     assert abs(total - 0.3) < 1e-12
 
 
+@pytest.mark.filterwarnings("ignore:max_terms=")
 @pytest.mark.parametrize("search", ["exchange", "forward"])
 @pytest.mark.parametrize(
     ("constraints", "holds"),
@@ -363,6 +364,7 @@ def test_integers_are_taken_as_numbers():
 # -- scikit-learn's company -------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:max_terms=")
 def test_it_works_in_pipelines_target_transformers_and_grids(record):
     X, y = record
     pipeline = make_pipeline(StandardScaler(), NARXRegressor(2, 2, refine=False))
@@ -699,3 +701,32 @@ def test_of_an_output_that_stood_still_its_size_is_the_measure():
     low, _, high = narx.model_.recorded[narx.model_.outputs[0]]
     assert low == high == 2.0
     narx.predict(X)
+
+
+def test_more_terms_than_there_are_candidates_are_told(record):
+    with pytest.warns(
+        NarxWarning, match=r"n_terms=50 for y, but there are 3 candidates; the model has 3"
+    ) as told:
+        NARXRegressor(1, 1, degree=1, n_terms=50).fit(*record)
+    assert told[0].filename == __file__
+    doubled = np.column_stack([record[0], record[0]])
+    with pytest.warns(NarxWarning, match=r"but 3 of 4 candidates can be told apart"):
+        NARXRegressor(1, 1, degree=1, n_terms=4, refine=False).fit(doubled, record[1])
+
+
+def test_a_limit_that_bounds_the_size_is_told(record):
+    with pytest.warns(NarxWarning, match=r"max_terms=2 bound the size of the model of y") as told:
+        NARXRegressor(3, 3, degree=3, max_terms=2, refine=False).fit(*record)
+    assert told[0].filename == __file__
+    NARXRegressor(1, 0, degree=1, max_terms=2, refine=False, fit_intercept=True).fit(
+        *record
+    )  # there are no more
+
+
+def test_the_same_phi_twice_is_refused(record):
+    phi = (Difference("u"), Difference("u"))
+    with pytest.raises(ValueError, match=r"phi\[1\] is phi\[0\] again, u\[k\] - u\[k-1\].*Leave one out"):
+        NARXRegressor(1, 1, phi=phi).fit(*record)
+    named = (Difference("u"), Difference("u", name="rate"))
+    with pytest.raises(ValueError, match=r"phi\[1\] is phi\[0\] again"):
+        NARXRegressor(1, 1, phi=named).fit(*record)

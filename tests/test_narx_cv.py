@@ -21,6 +21,7 @@ def make_record(n_samples, seed=0, noise=0.02):
     return u[:, None], y
 
 
+@pytest.mark.filterwarnings("ignore:n_terms=")
 @pytest.mark.parametrize("seed", range(3))
 def test_it_chooses_what_a_grid_search_chooses(seed):
     X, y = make_record(500, seed)
@@ -85,6 +86,7 @@ def test_parts_of_a_test_fold_are_simulated_one_by_one(sessions):
     assert search.fit(X, y, sessions).best_score_ == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:max_terms=")
 def test_a_number_of_terms_is_judged_as_it_is_fitted():
     X, y = make_record(400)
     search = NARXRegressorCV([2], [2], degree=[2], n_terms=[8], criterion=["aic"], max_terms=4, cv=2)

@@ -50,6 +50,7 @@ from narx_sklearn.identification.procedure import (
     select_terms,
     stretch_factors,
     total_criterion,
+    warn_if_bound,
     warn_if_short,
 )
 from narx_sklearn.identification.record import ArrayRecord, Moments, Record
@@ -316,8 +317,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Warns
         -----
         NarxWarning
-            If ``refine="auto"`` is left out because a dask collection or files hold too many samples, or an
-            index tells that rows are missing, uneven or shuffled, or of another period than
+            If ``max_terms`` bound the size, or ``n_terms`` is more than the candidates that can be told
+            apart; if ``refine="auto"`` is left out because a dask collection or files hold too many samples,
+            or an index tells that rows are missing, uneven or shuffled, or of another period than
             ``sampling_period``.
         ExcitationWarning
             If a signal is constant, or the record so short that the terms cannot be told apart.
@@ -363,6 +365,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             if self._refine_mode != "never":
                 self._warn_if_lost(model, *record.everything())
         warn_if_short(selected, model, self.n_terms, self.max_terms)
+        warn_if_bound(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
         self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
         return self

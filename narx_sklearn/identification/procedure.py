@@ -14,7 +14,7 @@ import numpy as np
 
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_magnitude
-from narx_sklearn.exceptions import ExcitationWarning
+from narx_sklearn.exceptions import ExcitationWarning, NarxWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
@@ -385,6 +385,29 @@ def warn_if_short(selected: "list[Selected]", model: NARXModel, n_terms: int | N
             ExcitationWarning,
             stacklevel=5,
         )
+
+
+def warn_if_bound(selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int) -> None:
+    """Warn where a limit, and not the criterion, says how many terms a model has."""
+    counts = np.count_nonzero(model.parameters, axis=0)
+    for output, one, count in zip(model.outputs, selected, counts, strict=True):
+        path = one.path
+        candidates, longest = path.n_considered or path.n_candidates, len(path.supports) - 1
+        told = ""
+        if n_terms is not None and longest < n_terms:
+            less = f"{longest} of {candidates} candidates can be told apart in this record"
+            told = (
+                f"n_terms={n_terms} for {output}, but "
+                f"{less if longest < candidates else f'there are {candidates} candidates'}; the model has "
+                f"{count}. Pass more lags or a higher degree, or n_terms={longest} to agree."
+            )
+        elif n_terms is None and count >= max_terms and min(candidates, path.n_samples // 2) > max_terms:
+            told = (
+                f"max_terms={max_terms} bound the size of the model of {output}: of all sizes tried "
+                "the largest is the best. Pass a larger max_terms, or n_terms to say how many are wanted."
+            )
+        if told:
+            warnings.warn(told, NarxWarning, stacklevel=4)
 
 
 def screened_library(
