@@ -103,7 +103,7 @@ def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
     """
     if isinstance(phi, Phi | str) or not isinstance(phi, Iterable):
         raise TypeError(f"phi must be a sequence of phi regressors, such as [Difference('u')], got {phi!r}.")
-    named = []
+    named: list[Phi] = []
     for i, one in enumerate(phi):
         if not isinstance(one, Phi):
             raise TypeError(f"phi must hold phi regressors such as Difference('u'), got {one!r}.")
@@ -113,12 +113,11 @@ def named_phi(phi: Sequence[Phi], signals: Sequence[str]) -> tuple[Phi, ...]:
                 f"phi[{i}] is a function of {sorted(missing)}; the signals here (n_features={len(signals)}) "
                 f"are {list(signals)}."
             )
-        first = next(
-            (j for j, other in enumerate(named) if replace_name(other, "phi") == replace_name(one, "phi")), i
-        )
-        if first < i:
+        alike = [j for j, other in enumerate(named) if replace_name(other, "") == replace_name(one, "")]
+        if alike:
             raise ValueError(
-                f"phi[{i}] is phi[{first}] again, {one.describe()}; no record tells the two apart. Leave one out."
+                f"phi[{i}] is phi[{alike[0]}] again, {one.describe()}; no record tells the two apart. Leave "
+                "one out."
             )
         named.append(one if one.name is not None else replace_name(one, f"phi{i + 1}"))
     names = [*signals, *(str(p.name) for p in named)]
