@@ -119,6 +119,8 @@ def as_signals(data, name: str) -> np.ndarray:
     ------
     ValueError
         If it is None, a single value, not numeric, has more than two axes, or holds infinities.
+    TypeError
+        If a column of it holds times.
     """
     if not hasattr(data, "columns"):
         given, data = data, np.asarray(data)
@@ -129,6 +131,7 @@ def as_signals(data, name: str) -> np.ndarray:
                 "(n_samples, n_signals)."
             )
         data = data.reshape(-1, 1) if data.ndim == 1 else data
+    check_no_times(data, name)
     return check_array(
         data,
         dtype=np.float64,
@@ -251,6 +254,18 @@ def check_inputs_given(X, inputs) -> None:
             f"X is None, but the model has the inputs {list(inputs)}: pass an array of shape "
             f"(n_samples, {len(inputs)}), which also says how many samples there are."
         )
+
+
+def check_no_times(data, name: str) -> None:
+    """Raise a TypeError where a column of a table holds times, which would be taken for a signal's values."""
+    columns = list(data.columns) if hasattr(data, "columns") and hasattr(data, "dtypes") else []
+    kinds = [getattr(dtype, "kind", "") for dtype in data.dtypes] if columns else []
+    for label, kind in zip(columns, kinds, strict=True):
+        if kind in ("m", "M"):
+            raise TypeError(
+                f"{name}'s column {label!r} holds times, not values of a signal. Make it the index, which "
+                f"tells the sampling period, as with {name}.set_index({label!r}), or drop it."
+            )
 
 
 def check_indexes(X, y) -> None:

@@ -137,6 +137,10 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
             "--u motor names no column; the table has 'time [s]', 'drive [V]'",
         ),
         (["diagnose", "{bench}", "--model", "{servo}:sim"], "has no 'sim'; it holds simulator"),
+        (
+            ["diagnose", "{bench}", "--model", "{servo}:stage"],
+            "'stage' is a function of x, u, p; wanted is a Simulator",
+        ),
         (["diagnose", "{bench}", "--model", "{servo}:number"], "'number' is of type int; wanted is a Sim"),
         (["diagnose", "{bench}", "--dt", "0.02"], "bench.csv one of 0.01 s. Leave out --dt to"),
         (["diagnose", "{bench}", "--u", "1"], "--u 1: column 'time [s]' is the time"),

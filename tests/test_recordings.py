@@ -510,3 +510,19 @@ def test_recordings_that_do_not_fit_are_named():
 def test_a_session_that_comes_back_is_refused():
     with pytest.raises(ValueError, match="'a' comes back at sample 2"):
         by_session(np.zeros((3, 1)), np.zeros(3), ["a", "b", "a"])
+
+
+@pytest.mark.parametrize(("mark", "called"), [(";", "semicolons"), ("\t", "tabs")])
+def test_other_separators_than_commas_are_named(tmp_path, mark, called):
+    path = tmp_path / "other.csv"
+    pd.DataFrame({"u [V]": [0.5, 1.5, 2.5], "y [m]": [1.0, 2.0, 3.0]}).to_csv(path, sep=mark, index=False)
+    recordings = Recordings(path, inputs="u [V]", outputs="y [m]")
+    with pytest.raises(ValueError, match=f"columns are separated by {called}, and commas are read here"):
+        NARXRegressor(refine=False).fit(recordings)
+
+
+def test_a_column_that_a_text_file_lacks_is_named_with_those_it_has(tmp_path):
+    path = tmp_path / "record.csv"
+    pd.DataFrame({"u": [0.5, 1.5, 2.5], "y": [1.0, 2.0, 3.0]}).to_csv(path, index=False)
+    with pytest.raises(ValueError, match=r"it lacks the columns \['z'\]; it has \['u', 'y'\]"):
+        NARXRegressor(refine=False).fit(Recordings(path, inputs="u", outputs="z"))

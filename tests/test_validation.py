@@ -170,3 +170,23 @@ def test_signals_are_named_without_units_in_round_brackets():
     narx = NARXRegressor(0, 1, degree=1, refine=False, n_terms=1).fit(X, y)
     assert narx.terms_ == ["Drive[k-1]"]
     assert narx.model_.units == {"Drive": "V", "Position": "mm"}
+
+
+def test_a_column_of_times_is_told_to_belong_into_the_index():
+    times = pd.date_range("2026-01-01", periods=50, freq="s")
+    X = pd.DataFrame({"clock": times, "u": np.sin(np.arange(50.0))})
+    y = pd.Series(0.5 * np.sin(np.arange(50.0) - 1), name="y")
+    told = r"X's column 'clock' holds times.*X\.set_index\('clock'\)"
+    for table in (X, X[["clock"]], X.assign(clock=times - times[0])):
+        with pytest.raises(TypeError, match=told):
+            NARXRegressor(0, 1, degree=1).fit(table, y)
+    with pytest.raises(TypeError, match="y's column 'clock' holds times"):
+        NARXRegressor(0, 1, degree=1).fit(X[["u"]], X[["clock"]])
+    narx = NARXRegressor(0, 1, degree=1, refine=False).fit(X[["u"]], y)
+    with pytest.raises(TypeError, match=told):
+        narx.predict(X)
+    with pytest.raises(TypeError, match=told):
+        free_run(narx.model_, X)
+    assert (
+        NARXRegressor(0, 1, degree=1).fit(X.set_index("clock"), y.set_axis(times)).model_.sampling_period == 1
+    )

@@ -1,6 +1,7 @@
 """The simulator that ``--model file.py:name`` means."""
 
 import importlib.util
+import inspect
 import sys
 import traceback
 from contextlib import contextmanager, redirect_stdout
@@ -46,6 +47,7 @@ def load_simulator(text: str) -> Simulator:
             way = f" Name the one that is meant: --model {path}:{next(iter(held))}." if held else ""
             raise UsageError(f"--model {text}: {path} has no {name!r}; {there}.{way}")
         if not isinstance(found, Simulator) and callable(found):
+            _check_called_without(found, name, text)
             with _blamed_on(path):
                 found = found()
     if not isinstance(found, Simulator):
@@ -54,6 +56,26 @@ def load_simulator(text: str) -> Simulator:
             "ODESimulator(...), or a function that returns one."
         )
     return found
+
+
+def _check_called_without(found, name: str, text: str) -> None:
+    """Raise where a function takes arguments: it is the right-hand side, and not what returns a simulator."""
+    try:
+        parameters = inspect.signature(found).parameters.values()
+    except (TypeError, ValueError):  # of some builtins nothing is known
+        return
+    wanted = [
+        p.name
+        for p in parameters
+        if p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.POSITIONAL_ONLY)
+    ]
+    if wanted:
+        raise UsageError(
+            f"--model {text}: {name!r} is a function of {', '.join(wanted)}; wanted is a Simulator, or a "
+            "function without arguments that returns one. If it gives the rates of states, wrap it in the "
+            f"file, as simulator = ODESimulator({name}, dt=..., states=[...], inputs=[...], "
+            "parameters={...}), and name that."
+        )
 
 
 def _executed(path: Path, text: str) -> ModuleType:

@@ -18,6 +18,7 @@ from narx_sklearn._validation import (
     check_choice,
     check_indexes,
     check_inputs_given,
+    check_no_times,
     check_same_length,
     column_labels,
     finite_columns,
@@ -313,6 +314,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             If a parameter is not valid, fewer than three samples have all lagged values, or ``X`` and
             ``y`` are pandas tables with different row labels (or the same in another order), or with times
             that go back within a session.
+        TypeError
+            If a column of ``X`` or ``y`` holds times; those belong into the index.
 
         Warns
         -----
@@ -543,6 +546,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 "X is None, but a record is wanted: inputs of shape (n_samples, n_inputs). For a model "
                 "without inputs pass input_lags=[] and X=np.empty((n_samples, 0))."
             )
+        check_no_times(X, "X")
+        check_no_times(y, "y")
         check_indexes(X, y)
         step = step_of_rows(
             {"X": X, "y": y}, sessions, self.sampling_period, "the model by sampling_period", stacklevel=5
@@ -1011,6 +1016,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     def _inputs(self, X) -> np.ndarray:
         check_is_fitted(self)
         check_inputs_given(X, self.model_.inputs)
+        check_no_times(X, "X")
         return validate_data(
             self, X, reset=False, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
             ensure_min_features=0 if self._has_no_inputs() else 1,

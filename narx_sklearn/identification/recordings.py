@@ -30,6 +30,7 @@ __all__ = ["Recordings", "open_record"]
 ERRORS = ("raise", "skip")
 FILES_TOGETHER = 64  # files read before their factors are merged, and kept in a checkpoint
 LAST_BYTES = 1 << 16  # end of a text file in which its last line is looked for
+SEPARATORS = {";": "semicolons", "\t": "tabs"}  # of tables as other programs write them
 
 
 class FileSurvey(NamedTuple):
@@ -136,6 +137,17 @@ def check_last_line(path: str) -> None:
 
 
 def _parts_of_csv(table: Table, names: list, size: int) -> Iterator[pd.DataFrame]:
+    labels = [str(label) for label in pd.read_csv(table.path, nrows=0, index_col=False).columns]
+    missing = [name for name in names if name not in labels]
+    if missing:
+        mark = next((mark for mark in SEPARATORS if any(mark in label for label in labels)), None)
+        if mark is not None and not set(missing) - set(mark.join(labels).split(mark)):
+            raise ValueError(
+                f"its columns are separated by {SEPARATORS[mark]}, and commas are read here. Write it anew, "
+                f"as with pd.read_csv(path, sep={mark!r}).to_csv(path, index=False), and decimal=',' in the "
+                "former where decimals are commas"
+            )
+        raise ValueError(f"it lacks the columns {missing}; it has {labels}")
     with pd.read_csv(table.path, usecols=names, chunksize=size) as reader:
         yield from reader
 
