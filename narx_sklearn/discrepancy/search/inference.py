@@ -56,9 +56,9 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     """
     q = fit.model.q
     width = norm.ppf(0.5 + level / 2) * _errors(problem, fit)
-    own = fit.model.p.size
-    if own and (driven := as_driven(problem, fit)) is not None:
-        width[:own] = np.maximum(width, norm.ppf(0.5 + level / 2) * _errors(problem, driven))[:own]
+    n_own = fit.model.p.size
+    if n_own and (driven := as_driven(problem, fit)) is not None:
+        width[:n_own] = np.maximum(width, norm.ppf(0.5 + level / 2) * _errors(problem, driven))[:n_own]
     domain = np.concatenate([problem.simulator.bounds, *(e.domain for e in fit.model.effects)])
     width[np.ptp(all_bounds(problem, fit.model), axis=1) == 0] = 0.0  # held there
     rows = np.column_stack([q - width, q + width])
