@@ -46,6 +46,21 @@ class TestPlaces:
                 placed = placements(effect, simulator, self.structure_of(simulator))
                 assert [p.odd for p in placed] == [odd]
 
+    @pytest.mark.parametrize(
+        ("charge", "temperature", "odd"),
+        [("charge", "cell", False), ("charge", "cell [degC]", True), ("charge [m/s]", "cell [degC]", False)],
+    )
+    def test_a_state_without_a_unit_moves_only_where_none_has_one(self, charge, temperature, odd):
+        def cell(x, u, p):
+            return -p[0] * u[0], p[1] * u[0] * u[0] - x[1]
+
+        states, parameters = [charge, temperature], {"a": 1.0, "b": 0.1}
+        simulator = ODESimulator(cell, dt=1.0, parameters=parameters, states=states, inputs=["current [A]"])
+        structure = self.structure_of(simulator)
+        for code in ("coulomb_friction", "quadratic_drag"):
+            placed = placements(CATALOGUE[code], simulator, structure)
+            assert {p.odd for p in placed if p.port == Port("state", 0)} == {odd}
+
     def test_what_a_level_loses_is_not_tried_on_what_is_none(self):
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
         levels = ["level [m]", "volume [l]", "head [kPa]", "level sensor [V]", "value"]

@@ -196,11 +196,13 @@ def _holds_no_level(i: int, simulator: Simulator, structure: Structure) -> bool:
 def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure, is_twist: bool) -> bool:
     """Tell whether an effect is of another kind of machine than a state equation.
 
-    Motion is a state that another one integrates, or one counted per time; without units all is possible.
-    A spring needs a position, which a speed alone does not have unless its argument is a twist.
+    Motion is a state that another one integrates, or one counted per time; without units all is possible,
+    but beside states or outputs that have one a state without is a number, as a state of charge is. A spring
+    needs a position, which a speed alone does not have unless its argument is a twist.
     """
     unit, has_position = simulator.states[i].unit, is_twist or structure.partner[i] >= 0
-    moves = _is_speed(i, simulator, structure) or not unit
+    without_units = not any(signal.unit for signal in (*simulator.states, *simulator.outputs))
+    moves = _is_speed(i, simulator, structure) or without_units
     lacks_position = effect.argument == "position" and is_per_time(unit) and not has_position
     slides = effect.met_on == "surfaces" and unit in OF_CIRCUITS
     return (
