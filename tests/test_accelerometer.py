@@ -221,4 +221,4 @@ def test_a_narx_model_of_it_reads_the_present_input(hardened, diagnosed):
         return np.std(free_run(model, u, y[:2]).y[10:] - y[10:]) / np.std(y)
 
     assert missed(diagnosed.to_narx(u)) < 0.05
-    assert missed(diagnosed.to_narx(u, delay=1)) > 0.9  # the drive jumps, and pushes at once
+    assert missed(diagnosed.to_narx(u, delay=1)) > 0.2  # the drive jumps, and pushes at once

@@ -38,6 +38,7 @@ from narx_sklearn.compensation.stability import (
 )
 from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification.criteria import information_criterion
+from narx_sklearn.identification.hysteresis import resting_dynamics
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.model.terms import Variable
@@ -157,7 +158,9 @@ class Compensator(BaseEstimator):
             bounded = replace(law, limits=self._range_of(applied), **self._choices())
             reference = np.column_stack([simulated, others])
             lost = input_error(bounded, reference, applied, sessions) if np.isfinite(criterion) else np.inf
-            serves = lost <= GIVEN_BACK and share_cut(bounded, reference, applied, sessions) <= MOST_CUT
+            stays = not law.keeps_rest or resting_dynamics(model, 1).holds  # where its input stops
+            serves = stays and lost <= GIVEN_BACK
+            serves = serves and share_cut(bounded, reference, applied, sessions) <= MOST_CUT
             return (False, criterion) if serves else (True, lost)
 
         return judge
