@@ -10,9 +10,10 @@ import pandas as pd
 
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._sampling import find_column, same_period, sample_evenly
+from narx_sklearn.cli._sampling import find_column, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
 from narx_sklearn.model.dead_values import dead_in_words, dead_values
+from narx_sklearn.model.times import same_period
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
 OUTPUT = re.compile(r"(y|output|measured|y_?meas(ured)?|out)_?\d*$", re.IGNORECASE)

@@ -9,7 +9,7 @@ from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable
 from narx_sklearn.cli._output import tell_notes, write_columns
-from narx_sklearn.cli._sampling import NONE, find_column, same_period, sample_evenly
+from narx_sklearn.cli._sampling import NONE, find_column, sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import (
     InverseCompensator,
@@ -19,6 +19,7 @@ from narx_sklearn.compensation import (
 )
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model import NARXModel
+from narx_sklearn.model.times import same_period
 
 METHODS = {"roots": RootCompensator, "isolated": IsolatedCompensator, "inverse": InverseCompensator}
 REFERENCES = frozenset({"r", "ref", "reference", "setpoint", "target"})

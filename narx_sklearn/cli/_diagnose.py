@@ -10,10 +10,11 @@ from narx_sklearn.cli._columns import Recording, read_recordings
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import diagnosis_content, say, tell_notes, write_json
-from narx_sklearn.cli._sampling import MANY, other_unit, same_period
+from narx_sklearn.cli._sampling import MANY, other_unit
 from narx_sklearn.cli._simulators import load_simulator
 from narx_sklearn.discrepancy import DiscrepancyRegressor, TraceSimulator
 from narx_sklearn.discrepancy.settings import STAGES
+from narx_sklearn.model.times import same_period
 
 LONGEST = 500  # samples of a proposed experiment
 WITH_REPORT = STAGES | {"experiment that would tell": 86, "report": 88}

@@ -1,6 +1,5 @@
 """The sampling period of a table: from its time column or an option; gaps, jitter and uneven steps."""
 
-import math
 import warnings
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,6 +11,7 @@ from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._tables import Table
 from narx_sklearn.exceptions import ExcitationWarning
+from narx_sklearn.model.times import SAME_PERIOD, same_period
 
 TIME_NAMES = frozenset(
     {"time", "t", "timestamp", "time_s", "datetime", "date", "zeit", "temps", "tempo", "tiempo"}
@@ -23,7 +23,6 @@ NONE = "none"  # asked for as the time column: no column tells the time
 MANY, TOO_MANY = 2, 100  # times the recorded samples, from which resampling is warned of, and refused
 UNEVEN = 0.1  # of a period, beyond which a step is neither one period nor a whole number of them
 JITTER = 0.01  # of a period, from which it is worth a note
-SAME_PERIOD = 0.01  # relative difference up to which two sampling periods are one
 
 
 class Sampled(NamedTuple):
@@ -342,11 +341,6 @@ def _resampled(
         parts.append(pd.DataFrame({c: np.interp(grid, inside, frame[c].to_numpy()[piece]) for c in frame}))
         sessions.append(np.full(grid.size, number))
     return pd.concat(parts, ignore_index=True), np.concatenate(sessions)
-
-
-def same_period(dt: float | None, other: float | None) -> bool:
-    """Tell whether two sampling periods are one; one that nobody told goes with any."""
-    return dt is None or other is None or math.isclose(dt, other, rel_tol=SAME_PERIOD)
 
 
 def find_column(labels: list[str], asked: str, option: str) -> str:

@@ -1,5 +1,6 @@
 """Rows of a table in time: the step of its index, and rows that are missing, uneven or out of order."""
 
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -9,12 +10,10 @@ import numpy as np
 from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.exceptions import NarxWarning
 
-SAME_STEP = 0.01  # relative difference up to which two sampling periods are one
+SAME_PERIOD = 0.01  # relative difference up to which two sampling periods are one
 UNEVEN = 0.5  # of the median step, from which a step is another than the others
 FEW = 0.1  # of the steps: rows are missing where fewer are longer than the others, and uneven where more are
 TIMES = ("t", "time")  # names of an index that holds seconds, "time [s]"
-
-
 RESAMPLE = "Resample the samples to that period, or drop the index."
 
 
@@ -88,13 +87,18 @@ def other_step(step: float | None, known: float | None, whose: str, remedy: str)
     remedy : str
         What to do.
     """
-    if step is None or known is None or abs(step - known) <= SAME_STEP * known:
+    if step is None or known is None or same_period(step, known):
         return ""
     ratio = f", {known / step:.4g} times as long" if step > 0 else ""
     return (
         f"The time index advances by {step:.6g} s from row to row (median), {whose}={known:.6g} s{ratio}. "
         f"{remedy}"
     )
+
+
+def same_period(one: float | None, other: float | None) -> bool:
+    """Tell whether two sampling periods are one; one that nobody told goes with any."""
+    return one is None or other is None or math.isclose(one, other, rel_tol=SAME_PERIOD)
 
 
 def rows_out_of_line(data, sessions, name: str) -> str:
