@@ -15,13 +15,8 @@ from narx_sklearn.discrepancy.simulators.tables import compiled_table
 
 LARGEST = 1 << 14  # bytes of a table that is compared by its numbers, which every run asks for
 KNOWN_TO_NUMBA = {"numpy", "scipy", "numba"}  # whose functions it calls by versions of its own
-FOREIGN = KNOWN_TO_NUMBA | {
-    "builtins",
-    "pandas",
-    "polars",
-    "sklearn",
-    "dask",
-}  # their objects are no constants
+# packages whose objects are no constants
+FOREIGN = KNOWN_TO_NUMBA | {"builtins", "pandas", "polars", "sklearn", "dask"}
 NAMED = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
 
 Within = tuple[Any, ...]  # functions and objects on the way to the one that is looked at
