@@ -7,7 +7,7 @@ import pytest
 from small_machines import levels, make_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
-from narx_sklearn.model.dead_values import dead_in_words, dead_values
+from narx_sklearn.model.dead_values import dead_in_record, dead_in_words, dead_values
 
 N = 1500
 HOLE = slice(400, 420)
@@ -49,6 +49,18 @@ def test_motion_pulses_clipping_and_constants_are_alive(signal, moves):
     assert not dead_values(999.0 * signal, moves).any()
     switched = np.repeat([0.0, 1.0, 0.0, 99.5, 1.0], N // 5)
     assert not dead_values(switched, switched[:, None]).any()
+
+
+def test_outputs_are_held_against_what_is_left_of_the_inputs(signal, moves):
+    u = moves.copy()
+    u[700] = -9999.0  # a motion, were it alive
+    y = np.column_stack([signal, signal])
+    y[HOLE, 0] = 300.0
+    dead = dead_in_record(u, y)
+    assert np.flatnonzero(dead.u).tolist() == [700]
+    assert np.flatnonzero(dead.y[:, 0]).tolist() == list(range(400, 420))
+    assert not dead.y[:, 1].any()
+    assert dead_in_record(np.empty((N, 0)), y).y[:, 0].sum() == 20
 
 
 def test_half_of_a_record_is_no_failure(signal):

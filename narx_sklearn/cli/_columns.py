@@ -12,7 +12,7 @@ from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._sampling import find_column, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
-from narx_sklearn.model.dead_values import dead_in_words, dead_values
+from narx_sklearn.model.dead_values import dead_in_record, dead_in_words
 from narx_sklearn.model.times import same_period
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
@@ -140,15 +140,17 @@ def read_recordings(
 
 def without_dead_values(recording: Recording) -> Recording:
     """Return a recording whose dead values are missing, with a note of each column that had such."""
-    u, y, notes = recording.u.copy(), recording.y.copy(), []
-    for table, moves in ((u, None), (y, u)):
-        for label in table:
-            signal = table[label].to_numpy(dtype=float)
-            dead = dead_values(signal, None if moves is None else moves.to_numpy(dtype=float))
-            if dead.any():
-                notes.append(f"{dead_in_words(signal, dead, repr(label))}: taken as missing.")
-                table[label] = np.where(dead, np.nan, signal)
-    return recording._replace(u=u, y=y, notes=(*recording.notes, *notes))
+    u, y = (table.to_numpy(dtype=float) for table in (recording.u, recording.y))
+    dead = dead_in_record(u, y)
+    notes = [
+        f"{dead_in_words(signal, at, repr(label))}: taken as missing."
+        for table, values, where in ((recording.u, u, dead.u), (recording.y, y, dead.y))
+        for label, signal, at in zip(table, values.T, where.T, strict=True)
+        if at.any()
+    ]
+    return recording._replace(
+        u=recording.u.mask(dead.u), y=recording.y.mask(dead.y), notes=(*recording.notes, *notes)
+    )
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:

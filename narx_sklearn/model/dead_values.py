@@ -1,5 +1,7 @@
 """Values that recorders write where nothing was measured: -9999, say."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from narx_sklearn._validation import true_runs
@@ -58,6 +60,43 @@ def dead_values(signal: np.ndarray, moves: np.ndarray | None = None) -> np.ndarr
             break
         found = more
     return found if found.sum() <= MOST * seen.sum() else np.zeros(signal.size, dtype=bool)
+
+
+class Dead(NamedTuple):
+    """Which values of a record stand for none: boolean arrays of the shapes of its inputs and outputs."""
+
+    u: np.ndarray
+    y: np.ndarray
+
+
+def dead_in_record(u: np.ndarray, y: np.ndarray) -> Dead:
+    """Tell which values of a record stand for none.
+
+    Parameters
+    ----------
+    u : ndarray of shape (n_samples, n_inputs)
+        What drives the machine, in which only known values count.
+    y : ndarray of shape (n_samples, n_outputs)
+        What is measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.model.dead_values import dead_in_record
+    >>> u = np.sin(np.arange(40.0))[:, np.newaxis]
+    >>> y = 0.5 * u
+    >>> u[7], y[20:23] = -9999.0, 300.0
+    >>> dead = dead_in_record(u, y)
+    >>> np.flatnonzero(dead.u).tolist(), np.flatnonzero(dead.y).tolist()
+    ([7], [20, 21, 22])
+    """
+    of_u, of_y = np.zeros(u.shape, dtype=bool), np.zeros(y.shape, dtype=bool)
+    for j, signal in enumerate(u.T):
+        of_u[:, j] = dead_values(signal)
+    moves = np.where(of_u, np.nan, u)
+    for j, signal in enumerate(y.T):
+        of_y[:, j] = dead_values(signal, moves)
+    return Dead(of_u, of_y)
 
 
 def dead_in_words(signal: np.ndarray, dead: np.ndarray, called: str) -> str:

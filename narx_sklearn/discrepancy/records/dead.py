@@ -6,7 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
-from narx_sklearn.model.dead_values import dead_in_words, dead_values
+from narx_sklearn.model.dead_values import dead_in_record, dead_in_words
 
 
 class Living(NamedTuple):
@@ -19,23 +19,21 @@ class Living(NamedTuple):
 
 def without_dead_values(simulator: Simulator, u: np.ndarray, y: np.ndarray) -> Living:
     """Return inputs, (n_samples, n_inputs), and outputs, (n_samples, n_outputs), without dead values."""
-    dead_u = np.array([dead_values(column) for column in u.T], dtype=bool).reshape(u.shape[::-1]).T
-    alive = np.where(dead_u, np.nan, u)
-    dead_y = np.array([dead_values(column, alive) for column in y.T], dtype=bool).reshape(y.shape[::-1]).T
+    dead = dead_in_record(u, y)
     findings = [
         DataFinding(
             "dead_values",
-            f"{dead_in_words(column, dead, signal.name)}: what a recorder writes where nothing was measured. "
+            f"{dead_in_words(column, at, signal.name)}: what a recorder writes where nothing was measured. "
             "Taken as missing.",
             {
                 "signal": signal.name,
-                "values": np.unique(column[dead]).tolist(),
-                "count": int(dead.sum()),
-                "samples": np.flatnonzero(dead).tolist(),
+                "values": np.unique(column[at]).tolist(),
+                "count": int(at.sum()),
+                "samples": np.flatnonzero(at).tolist(),
             },
         )
-        for signals, values, where in ((simulator.inputs, u, dead_u), (simulator.outputs, y, dead_y))
-        for signal, column, dead in zip(signals, values.T, where.T, strict=True)
-        if dead.any()
+        for signals, values, where in ((simulator.inputs, u, dead.u), (simulator.outputs, y, dead.y))
+        for signal, column, at in zip(signals, values.T, where.T, strict=True)
+        if at.any()
     ]
-    return Living(alive, np.where(dead_y, np.nan, y), findings)
+    return Living(np.where(dead.u, np.nan, u), np.where(dead.y, np.nan, y), findings)
