@@ -51,9 +51,9 @@ def test_motion_pulses_clipping_and_constants_are_alive(signal, moves):
     assert not dead_values(switched, switched[:, None]).any()
 
 
-def test_outputs_are_held_against_what_is_left_of_the_inputs(signal, moves):
+def test_dead_values_of_a_record_are_found_column_by_column(signal, moves):
     u = moves.copy()
-    u[700] = -9999.0  # a motion, were it alive
+    u[700] = -9999.0
     y = np.column_stack([signal, signal])
     y[HOLE, 0] = 300.0
     dead = dead_in_record(u, y)

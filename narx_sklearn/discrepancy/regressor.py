@@ -35,12 +35,7 @@ from narx_sklearn.discrepancy.records.spikes import find_spikes, spikes_as_findi
 from narx_sklearn.discrepancy.records.steps import measured_steps, steps_as_findings
 from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals, nested_pairs
-from narx_sklearn.discrepancy.search.inference import (
-    confidence_in_nothing,
-    intervals,
-    told_together,
-    untold,
-)
+from narx_sklearn.discrepancy.search.inference import confidence_in_nothing, intervals
 from narx_sklearn.discrepancy.settings import STAGES, Settings, read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.beginning import begin
@@ -545,7 +540,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         refitted, final = diagnosis.refitted, diagnosis.best.fit
         sure = diagnosis.intervals(self.level)[:n]
         before = intervals(diagnosis.problem, refitted, self.level)[:n]
-        together = [index for group in told_together(untold(final)) for index in group]
+        together = [index for group in diagnosis.told_together for index in group]
         return pd.DataFrame(
             {
                 "unit": [p.unit for p in simulator.parameters],

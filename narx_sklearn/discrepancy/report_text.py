@@ -17,7 +17,6 @@ from narx_sklearn.discrepancy.results import (
 )
 from narx_sklearn.discrepancy.search.confirm import is_drift
 from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
-from narx_sklearn.discrepancy.search.inference import told_together, untold
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen
 from narx_sklearn.discrepancy.stages.unforeseen import ADDED, FACTOR, GAIN
 from narx_sklearn.model.units import in_seconds, rounded
@@ -281,13 +280,13 @@ def _told_together(dx) -> list[str]:
 
     Parameters of effects are told only beside the simulator's own.
     """
-    fit = dx.conclusion_.diagnosis.best.fit
-    names = [p.name for p in dx.conclusion_.diagnosis.problem.simulator.parameters]
+    diagnosis = dx.conclusion_.diagnosis
+    names = [p.name for p in diagnosis.problem.simulator.parameters]
     n_own = len(names)
-    for effect in fit.model.effects:
+    for effect in diagnosis.best.fit.model.effects:
         names += [f"{name} of {effect.effect.code.replace('_', ' ')}" for name in parameter_names(effect)]
-    directions, said = untold(fit), []
-    for group in told_together(directions):
+    directions, said = diagnosis.untold, []
+    for group in diagnosis.told_together:
         if group[0] >= n_own:
             continue
         alike = np.isin(np.arange(len(names)), group).astype(float)

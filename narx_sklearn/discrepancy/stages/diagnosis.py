@@ -1,6 +1,7 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step, by_weight
 from narx_sklearn.discrepancy.search.generic import UNNAMED
-from narx_sklearn.discrepancy.search.inference import intervals, parameters_moved
+from narx_sklearn.discrepancy.search.inference import intervals, parameters_moved, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
@@ -107,6 +108,16 @@ class Diagnosis:
         if self.unforeseen is None:
             return intervals(self.problem, self.best.fit, level)
         return self.unforeseen.intervals(model.q, all_bounds(self.problem, model), level)
+
+    @cached_property
+    def untold(self) -> np.ndarray:
+        """Directions in which parameters may move together and nothing is noticed, (n, n_q)."""
+        return untold(self.best.fit)
+
+    @property
+    def told_together(self) -> list[list[int]]:
+        """Groups of parameters of which only what they do together is told."""
+        return told_together(self.untold)
 
     @property
     def as_drift(self) -> "Diagnosis | None":
