@@ -7,6 +7,7 @@ import pytest
 from small_machines import levels, make_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.dead_values import dead_in_record, dead_in_words, dead_values
 
 N = 1500
@@ -88,6 +89,29 @@ def test_dead_values_of_a_record_are_told_and_left_out():
     assert [finding.evidence["signal"] for finding in dx.data_findings_] == ["drive", "position"]
     assert "20 samples of position are -9999 (400 to 419)" in dx.report_
     assert dx.parameters_["augmented"]["gain"] == pytest.approx(4.4, rel=5e-3)
+
+
+def test_runs_and_scores_take_dead_values_as_missing_too_and_say_so():
+    rng = np.random.default_rng(0)
+    u = levels(rng, N)
+    simulator = make_oscillator()
+    y = simulator.simulate(u) + 0.002 * rng.normal(size=(N, 1))
+    dx = DiscrepancyRegressor(simulator, effects=["coulomb_friction"]).fit(u, y[:, 0])
+    missing_u, missing_y, dead_u, dead_y = u.copy(), y.copy(), u.copy(), y.copy()
+    missing_u[1100:1103], dead_u[1100:1103] = np.nan, 99999.0
+    missing_y[HOLE], dead_y[HOLE] = np.nan, -9999.0
+    missing_y[3], dead_y[3] = np.nan, 32767.0
+    with pytest.warns(NarxWarning, match=r"3 samples of drive are 99999 \(1100 to 1102\), .* as missing"):
+        run = dx.predict(dead_u)
+    np.testing.assert_array_equal(run, dx.predict(missing_u))
+    with pytest.warns(NarxWarning, match="One sample of position is 32767"):
+        run = dx.predict(u, y_init=dead_y[:50])
+    np.testing.assert_array_equal(run, dx.predict(u, y_init=missing_y[:50]))
+    with pytest.warns(NarxWarning, match="drive are 99999|position are -9999 or 32767") as told:
+        score = dx.score(dead_u, dead_y)
+    assert len(told) == 2
+    assert {warning.filename for warning in told} == {__file__}
+    assert score == dx.score(missing_u, missing_y) > 0.99
 
 
 def test_names_that_leave_more_than_the_simulation_as_it_was_given_explain_nothing():

@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.extrapolate import extrapolate
 from narx_sklearn.discrepancy.findings import make_findings
 from narx_sklearn.discrepancy.location import locate, with_invariances
 from narx_sklearn.discrepancy.records.checks import check_record
-from narx_sklearn.discrepancy.records.dead import without_dead_values
+from narx_sklearn.discrepancy.records.dead import warn_of_dead, without_dead_values, without_known_values
 from narx_sklearn.discrepancy.records.record import (
     check_length,
     label_findings,
@@ -282,15 +282,17 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Warns
         -----
         NarxWarning
-            If the time index of ``X`` advances by another step than the simulator.
+            If the time index of ``X`` advances by another step than the simulator, or ``X`` or ``y_init`` has
+            values that recorders write where nothing was measured, such as -9999; they are taken as missing.
         """
         check_is_fitted(self)
-        u = read_inputs(self._as_fitted(X), self.simulator_)
+        u = without_known_values(self.simulator_.inputs, read_inputs(self._as_fitted(X), self.simulator_))
         warn_of_step(X, self.simulator_, sessions)
         windows = Windows.whole(finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u)))
         x0 = np.zeros((windows.count, len(self.simulator_.states)))
         if y_init is not None:
             first = read_outputs(y_init, self.simulator_, "y_init")
+            first = without_known_values(self.simulator_.outputs, first)
             if not np.isfinite(first).any():
                 raise ValueError(
                     f"y_init is NaN in all of its {len(first)} samples, so no initial state can be fitted to "
@@ -311,10 +313,14 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         The first samples of each session (as many as fix the initial state) are not scored, and the spread is
         about the mean of each stretch. Where the machine is unstable, runs begin anew before they lose it. An
         output that does not move there scores 1 where it is met exactly, else 0; a run that leaves the finite
-        range scores -1e6, which searches can rank.
+        range scores -1e6, which searches can rank. Values that stand for none, such as -9999, are taken as
+        missing, as in `fit`, with a warning.
         """
         check_is_fitted(self)
-        u, measured = read_record(self._as_fitted(X), y, self.simulator_)
+        u, measured, of_dead = without_dead_values(
+            self.simulator_, *read_record(self._as_fitted(X), y, self.simulator_)
+        )
+        warn_of_dead(of_dead)
         warn_of_step(X, self.simulator_, sessions)
         found = self.conclusion_
         n_init, guess = found.n_init, found.guesses["augmented"]
