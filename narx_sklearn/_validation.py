@@ -169,6 +169,12 @@ def check_lags(lags, name: str, *, smallest: int) -> tuple[int, ...]:
     return tuple(int(lag) for lag in chosen)
 
 
+def check_count(value, name: str) -> None:
+    """Raise unless a value is an integer of at least 1."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
+        raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
+
+
 def session_slices(sessions, n_samples: int) -> list[slice]:
     """Return the runs of equal labels as slices; one slice when there are no sessions.
 

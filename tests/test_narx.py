@@ -723,6 +723,21 @@ def test_a_limit_that_bounds_the_size_is_told(record):
     )  # there are no more
 
 
+def test_a_limit_that_nobody_set_bounds_as_the_default_does_and_is_told_nobody():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(3000, 1))
+    weights = 1.0 / np.arange(1, 26)  # all of them matter
+    y = np.convolve(X[:, 0], np.append(0.0, weights))[:3000]
+    about = {"output_lags": 0, "input_lags": 25, "degree": 1, "refine": False}
+    with pytest.warns(NarxWarning, match="max_terms=20 bound the size of the model of y"):
+        told = NARXRegressor(**about).fit(X, y)
+    narx = NARXRegressor(**about, max_terms=None).fit(X, y)
+    assert len(narx.terms_) == 20
+    assert narx.terms_ == told.terms_
+    with pytest.raises(ValueError, match="max_terms must be an integer of at least 1, got 0"):
+        NARXRegressor(max_terms=0).fit(X, y)
+
+
 def test_the_same_phi_twice_is_refused(record):
     phi = (Difference("u"), Difference("u"))
     with pytest.raises(ValueError, match=r"phi\[1\] is phi\[0\] again, u\[k\] - u\[k-1\].*Leave one out"):

@@ -554,7 +554,6 @@ def best_of(regressors, identify, judge, compare=None) -> NARXModel:
     for regressor in regressors:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            warnings.filterwarnings("ignore", message="max_terms=")  # a limit of ours, which nobody set
             try:
                 model = identify(regressor)
                 told_of_model = list(told)

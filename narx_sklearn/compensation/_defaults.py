@@ -1,5 +1,7 @@
 """Estimators that identify the model when a compensator is given none."""
 
+from typing import Any
+
 import numpy as np
 
 from narx_sklearn._validation import column_labels, signal_names
@@ -9,6 +11,7 @@ from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.model.phi import Difference, DifferenceSign
 
 DEGREE = 3  # as in the thesis, section 5.2
+ORDINARY: dict[str, Any] = {"degree": DEGREE, "max_terms": None}  # nobody set a limit that could be told
 
 
 def direct_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
@@ -19,7 +22,7 @@ def direct_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
     return [
         *(NARXRegressor(*lags, phi_lags=lags[1], **resting) for lags in ((1, 1), (2, 1), (2, 2))),
-        *(NARXRegressor(2, lags, degree=DEGREE) for lags in (1, 2)),
+        *(NARXRegressor(2, lags, **ORDINARY) for lags in (1, 2)),
     ]
 
 
@@ -32,7 +35,7 @@ def isolable_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     resting["structure"] = lambda term: isolable(term) and rate_independent(term)
     return [
         *(NARXRegressor(lags, 2, phi_lags=2, **resting) for lags in (1, 2)),
-        *(NARXRegressor(2, lags, degree=DEGREE, structure="isolable") for lags in (1, 2)),
+        *(NARXRegressor(2, lags, **ORDINARY, structure="isolable") for lags in (1, 2)),
     ]
 
 
@@ -41,7 +44,7 @@ def inverse_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
     return [
         *(NARXRegressor(1, lags, phi_lags=lags, refine=True, **resting) for lags in (1, 3)),
-        *(NARXRegressor(lags, 3, degree=DEGREE) for lags in (0, 1)),
+        *(NARXRegressor(lags, 3, **ORDINARY) for lags in (0, 1)),
     ]
 
 
@@ -49,7 +52,7 @@ def _resting(name: str, structure) -> dict:
     """Return what makes a model rest anywhere: differences of an input, and no constant."""
     return {
         "phi": (Difference(name, name="phi1"), DifferenceSign(name, name="phi2")),
-        "degree": DEGREE,
+        **ORDINARY,
         "structure": structure,
         "constraints": "continuum",
         "fit_intercept": False,

@@ -1,7 +1,5 @@
 """A NARX model of a simulator: the regressors of its effects, how late its inputs show."""
 
-import warnings
-
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
@@ -46,12 +44,10 @@ def identify_narx(simulator: Simulator, u: np.ndarray, **settings) -> NARXModel:
         "degree": 3,
         "delay": delays if len(delays) > 1 else delays[0],
         "phi": effect_regressors(lasting),
+        "max_terms": None,
     }
     y = run.y[:, 0] if run.y.shape[1] == 1 else run.y
-    with warnings.catch_warnings():
-        if "max_terms" not in settings:
-            warnings.filterwarnings("ignore", message="max_terms=")  # a limit that nobody set
-        return NARXRegressor(**(known | settings)).fit(u, y).model_
+    return NARXRegressor(**(known | settings)).fit(u, y).model_
 
 
 def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:

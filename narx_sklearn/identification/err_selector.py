@@ -1,7 +1,6 @@
 """Feature selection by error reduction ratio, on any feature matrix."""
 
 import warnings
-from numbers import Integral
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -9,7 +8,7 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import check_choice, check_indexes, finite_rows
+from narx_sklearn._validation import check_choice, check_count, check_indexes, finite_rows
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.criteria import CRITERIA
 from narx_sklearn.identification.factor import Factor
@@ -162,8 +161,7 @@ class ErrSelector(SelectorMixin, BaseEstimator):
             value = getattr(self, name)
             if value is None and name == "n_terms":
                 continue
-            if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
-                raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
+            check_count(value, name)
 
     def _get_support_mask(self) -> np.ndarray:
         check_is_fitted(self)

@@ -16,6 +16,7 @@ from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import (
     as_signals,
     check_choice,
+    check_count,
     check_indexes,
     check_inputs_given,
     check_no_times,
@@ -41,6 +42,7 @@ from narx_sklearn.identification.procedure import (
     compress_choices,
     compress_record,
     estimate_terms,
+    longest_size,
     on_library,
     on_screened,
     origin_choices,
@@ -131,8 +133,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         Criterion that chooses the number of terms; see `information_criterion`.
     n_terms : int, default=None
         Number of terms; None lets the criterion choose.
-    max_terms : int, default=20
-        Largest number of terms tried.
+    max_terms : int or None, default=20
+        Largest number of terms tried. None tries as many as the default, and does not warn where more might
+        have been chosen.
     search : {"exchange", "floating", "forward", "iterated"}, default="exchange"
         How sets of terms are searched; ``"forward"`` is the classical ERR ordering. See `search_terms`.
     size : {"criterion", "free_run"}, default="criterion"
@@ -367,7 +370,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             model, refinement, noise = self._refine(model, selected, constraints, *record.everything())
             if self._refine_mode != "never":
                 self._warn_if_lost(model, *record.everything())
-        warn_if_short(selected, model, self.n_terms, self.max_terms)
+        warn_if_short(selected, model, self.n_terms, longest_size(self.max_terms))
         warn_if_bound(selected, model, self.n_terms, self.max_terms)
         self._store(model, selected, refinement, noise)
         self.uncertainty_ = self._uncertainty(constraints, partial(self._scores, record), record)
@@ -496,7 +499,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         return record.after(X, y, labels)
 
     def _longest(self) -> int:
-        return max(self.max_terms, self.n_terms or 0)
+        return max(longest_size(self.max_terms), self.n_terms or 0)
 
     @property
     def _refine_mode(self) -> str:
@@ -512,10 +515,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         check_choice(self.estimator, "estimator", ESTIMATORS)
         for name in ("max_terms", "n_terms", "noise_lags"):
             value = getattr(self, name)
-            if value is None and name == "n_terms":
+            if value is None and name != "noise_lags":
                 continue
-            if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
-                raise ValueError(f"{name} must be an integer of at least 1, got {value!r}.")
+            check_count(value, name)
         if not isinstance(self.alpha, Real) or not 0.0 <= float(self.alpha) < np.inf:
             raise ValueError(f"alpha must be a finite number of at least 0, got {self.alpha!r}.")
         known = self.refine == "auto" if isinstance(self.refine, str) else self.refine in (True, False)
@@ -654,7 +656,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             search=self.search,
             criterion=self.criterion,
             n_terms=self.n_terms,
-            max_terms=self.max_terms,
+            max_terms=longest_size(self.max_terms),
             constraints=on_screened(constraints, self._library, compressed.library),
             alpha=self.alpha if self.estimator == "ridge" else 0.0,
         )
@@ -758,7 +760,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 searched,
                 FreeRunData(X, y, sessions),
                 criterion=self.criterion,
-                n_terms=self.max_terms,
+                n_terms=longest_size(self.max_terms),
                 constraints=on_screened(constraints, self._library, searched),
                 horizons=self._horizons(model),
             ).fit

@@ -16,7 +16,7 @@ from sklearn.model_selection import TimeSeriesSplit, check_cv
 from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import check_choice
+from narx_sklearn._validation import check_choice, check_count
 from narx_sklearn.exceptions import NarxWarning, RankWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.factor import Factor, compress
@@ -74,7 +74,7 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         within one standard error of it.
     phi, phi_lags, structure, exclude, max_terms, search, constraints, refine, fit_intercept, origin, \
 sampling_period
-        As for `NARXRegressor`; ``refine`` applies to the final fit.
+        As for `NARXRegressor`; ``refine`` applies to the final fit, and ``max_terms`` is a number.
     n_jobs : int, default=None
         Threads over folds.
 
@@ -175,6 +175,7 @@ sampling_period
         for name in ("model_", "feature_names_in_"):  # an interrupted fit leaves nothing that could be used
             self.__dict__.pop(name, None)
         check_choice(self.rule, "rule", RULES)
+        check_count(self.max_terms, "max_terms")
         structures = self._structures()
         first = self._regressor(**structures[0])
         first._check_parameters()

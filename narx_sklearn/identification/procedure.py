@@ -32,6 +32,7 @@ from narx_sklearn.model.terms import Term, TermLibrary
 # Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
 SCREENING_CANDIDATES = 500
 FORWARD_CANDIDATES = 120  # the same for a forward search, to which nothing is lost by it
+MAX_TERMS = 20  # of a model whose size nobody limits
 FEWEST_USABLE = 3  # samples with all lagged values; a criterion takes the logarithm of their logarithm
 SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
 
@@ -387,8 +388,15 @@ def warn_if_short(selected: "list[Selected]", model: NARXModel, n_terms: int | N
         )
 
 
-def warn_if_bound(selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int) -> None:
-    """Warn where a limit, and not the criterion, says how many terms a model has."""
+def longest_size(max_terms: int | None) -> int:
+    """Return the largest number of terms to try."""
+    return MAX_TERMS if max_terms is None else max_terms
+
+
+def warn_if_bound(
+    selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int | None
+) -> None:
+    """Warn where a limit that somebody set, and not the criterion, says how many terms a model has."""
     counts = np.count_nonzero(model.parameters, axis=0)
     for output, one, count in zip(model.outputs, selected, counts, strict=True):
         path = one.path
@@ -401,7 +409,9 @@ def warn_if_bound(selected: "list[Selected]", model: NARXModel, n_terms: int | N
                 f"{less if longest < candidates else f'there are {candidates} candidates'}; the model has "
                 f"{count}. Pass more lags or a higher degree, or n_terms={longest} to agree."
             )
-        elif n_terms is None and count >= max_terms and min(candidates, path.n_samples // 2) > max_terms:
+        elif n_terms is not None or max_terms is None:
+            continue
+        elif count >= max_terms and min(candidates, path.n_samples // 2) > max_terms:
             told = (
                 f"max_terms={max_terms} bound the size of the model of {output}: of all sizes tried "
                 "the largest is the best. Pass a larger max_terms, or n_terms to say how many are wanted."
