@@ -558,7 +558,9 @@ def test_wrong_data_are_refused_with_what_came(record):
         NARXRegressor().fit(pd.DataFrame({"a b": X[:, 0], "a_b": X[:, 0]}), y)
 
 
-@pytest.mark.parametrize("step", ["scaled_layout", "build_model", "select_on_simulation"])
+@pytest.mark.parametrize(
+    "step", ["choosing.scaled_layout", "narx.build_model", "free_run_fit.select_on_simulation"]
+)
 def test_an_interrupted_fit_leaves_the_estimator_unfitted(record, monkeypatch, step):
     """Ctrl-C raises KeyboardInterrupt wherever the fit is; also a second fit must not leave the first."""
     X, y = record
@@ -567,7 +569,7 @@ def test_an_interrupted_fit_leaves_the_estimator_unfitted(record, monkeypatch, s
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"narx_sklearn.identification.narx.{step}", interrupt)
+    monkeypatch.setattr(f"narx_sklearn.identification.{step}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         narx.fit(X, y)
     with pytest.raises(NotFittedError):

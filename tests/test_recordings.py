@@ -198,7 +198,7 @@ def test_outputs_beside_recordings_are_refused(files):
 
 
 def test_a_refinement_too_long_to_start_unasked_is_left_out_and_said(files, monkeypatch):
-    monkeypatch.setattr("narx_sklearn.identification.narx.GATHERED_SAMPLES", 100)
+    monkeypatch.setattr("narx_sklearn.identification.free_run_fit.GATHERED_SAMPLES", 100)
     with pytest.warns(NarxWarning, match="n_samples = 850 are more than the 100"):
         narx = NARXRegressor(2, 2).fit(open_files(files))
     assert narx.refinement_ is None

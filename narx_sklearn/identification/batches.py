@@ -1,5 +1,6 @@
-"""What is kept of a stream of batches: their factor, and those of a few long stretches for the intervals."""
+"""What is kept of a stream of batches: their factors, what is known of their signals, and their end."""
 
+import textwrap
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
@@ -7,8 +8,14 @@ from itertools import pairwise
 import numpy as np
 
 from narx_sklearn.identification.factor import Factor
-from narx_sklearn.identification.procedure import Compressed, scores_on_factors, stretch_factors
-from narx_sklearn.identification.record import Record
+from narx_sklearn.identification.procedure import (
+    Compressed,
+    Problem,
+    scores_on_factors,
+    stretch_factors,
+)
+from narx_sklearn.identification.record import ArrayRecord, Moments, Record
+from narx_sklearn.identification.regressors import reach_of, remembers_all
 from narx_sklearn.identification.uncertainty import OneStepScores, n_stretches
 from narx_sklearn.model.terms import TermLibrary
 
@@ -53,6 +60,87 @@ class Batches:
         columns = [self.compressed.library.index(term) for term in library]
         stretches = [stretch.subset(columns) for stretch in self.stretches]
         return scores_on_factors(stretches, theta, output, self.compressed.factor.n_samples)
+
+
+End = tuple[np.ndarray, np.ndarray, np.ndarray | None]  # inputs, outputs and labels
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Batches that came one after another.
+
+    Attributes
+    ----------
+    problem : Problem
+        What is identified from each of them.
+    moments : Moments
+        Of all samples.
+    batches : tuple of Batches
+        What was seen, at each origin that is tried.
+    end : tuple of (ndarray, ndarray, ndarray or None), or None
+        What the lags of a next batch of the same session will read.
+    """
+
+    problem: Problem
+    moments: Moments
+    batches: tuple[Batches, ...]
+    end: End | None
+
+    @classmethod
+    def begin(cls, problem: Problem, choices: list[Compressed], record: Record) -> "Stream":
+        """Return a stream of one batch, compressed at the origins that are tried."""
+        batches = tuple(Batches.begin(compressed, record) for compressed in choices)
+        return cls(problem, record.moments, batches, _end_of(record, batches))
+
+    def add(self, problem: Problem, record: Record, forgetting: float) -> "Stream":
+        """Return the stream with one more batch, all before it weighed down by ``forgetting``.
+
+        Raises
+        ------
+        ValueError
+            If the batch does not go on with those before it.
+        """
+        _check_same(self.problem, problem)
+        moments = self.moments.merge(record.moments)
+        record = self._continued(record)
+        batches = tuple(before.add(record, forgetting) for before in self.batches)
+        return Stream(problem, moments, batches, _end_of(record, batches))
+
+    def _continued(self, record: Record) -> Record:
+        """Return a batch with the end of the batch before in front, where it goes on with that session."""
+        if not isinstance(record, ArrayRecord) or record.sessions is None or self.end is None:
+            return record
+        X, y, labels = self.end
+        if labels is None or labels[-1] != record.sessions[0]:
+            return record
+        if remembers_all(self.batches[0].compressed.layout):
+            raise ValueError(
+                "phi regressors that remember all of the past cannot be computed batch by batch of one "
+                "session; give every batch a label of its own in sessions, or call fit."
+            )
+        return record.after(X, y, labels)
+
+
+def _end_of(record: Record, batches: tuple[Batches, ...]) -> End | None:
+    reach = max(reach_of(b.compressed.library, b.compressed.layout) for b in batches)
+    return record.end(reach) if isinstance(record, ArrayRecord) and reach else None
+
+
+def _check_same(before: Problem, now: Problem) -> None:
+    """Refuse a batch with other signals or candidates than the batches before it."""
+    for what, was, came in (
+        ("outputs", before.outputs, now.outputs),
+        ("inputs", before.inputs, now.inputs),
+        ("phi", before.phi, now.phi),
+        ("candidate terms", before.library, now.library),
+    ):
+        if was != came:
+            new, old = (textwrap.shorten(str(side), 60, placeholder=" ...") for side in (came, was))
+            raise ValueError(
+                f"This batch has other {what} than the batches before it: {new} instead of {old}. "
+                "Name its columns alike and keep the parameters that say what is a candidate, or call "
+                "fit, which forgets the batches."
+            )
 
 
 def _join(stretches: list[Factor], lengths: list[float], count: int) -> None:

@@ -21,6 +21,8 @@ from narx_sklearn.exceptions import NarxWarning, RankWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.factor import Factor, compress
 from narx_sklearn.identification.narx import NARXRegressor
+from narx_sklearn.identification.opening import open_data
+from narx_sklearn.identification.posing import constraints_of, pose
 from narx_sklearn.identification.procedure import (
     Compressed,
     Problem,
@@ -38,6 +40,7 @@ from narx_sklearn.identification.record import Block, Record
 from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
 from narx_sklearn.identification.scoring import FreeRunJudge
 from narx_sklearn.identification.selection import search_terms
+from narx_sklearn.identification.settings import check_settings
 from narx_sklearn.metrics import DIVERGED_SCORE
 from narx_sklearn.model.recording import Layout
 from narx_sklearn.model.terms import TermLibrary
@@ -178,11 +181,11 @@ sampling_period
         check_count(self.max_terms, "max_terms")
         structures = self._structures()
         first = self._regressor(**structures[0])
-        first._check_parameters()
+        check_settings(first)
         sizes = self._sizes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NarxWarning)  # the fit of the model that is taken tells it too
-            record = first._open(X, y, sessions, reset=True)
+            record = open_data(first, X, y, sessions, reset=True)
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RankWarning)  # of trials; the model that is taken tells its own
             scores, counts = self._judge(record, structures, sizes)
@@ -217,7 +220,7 @@ sampling_period
         if not sizes:
             raise ValueError("Nothing chooses the number of terms: give n_terms, criterion, or both.")
         for size in sizes:
-            self._regressor(**size)._check_parameters()
+            check_settings(self._regressor(**size))
         return sizes
 
     def _regressor(self, **chosen) -> NARXRegressor:
@@ -232,10 +235,10 @@ sampling_period
         problems, constraints = [], []
         for structure in structures:
             regressor = self._regressor(**structure)
-            regressor._check_parameters()
-            problem, _ = regressor._pose(record)
+            check_settings(regressor)
+            problem = pose(regressor, record)
             problems.append(problem)
-            constraints.append(regressor._constraints(problem))
+            constraints.append(constraints_of(regressor.constraints, problem))
         if record.n_samples < 2:
             raise ValueError(f"Folds need at least two samples, got n_samples = {record.n_samples}.")
         folded = _FoldedRecord(problems, record, split_in_runs(self.cv, record), self)

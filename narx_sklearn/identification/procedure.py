@@ -14,7 +14,7 @@ import numpy as np
 
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_magnitude
-from narx_sklearn.exceptions import ExcitationWarning, NarxWarning
+from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
@@ -32,7 +32,6 @@ from narx_sklearn.model.terms import Term, TermLibrary
 # Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
 SCREENING_CANDIDATES = 500
 FORWARD_CANDIDATES = 120  # the same for a forward search, to which nothing is lost by it
-MAX_TERMS = 20  # of a model whose size nobody limits
 FEWEST_USABLE = 3  # samples with all lagged values; a criterion takes the logarithm of their logarithm
 SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
 
@@ -367,57 +366,6 @@ def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples:
             f"{longest + FEWEST_USABLE} samples in a row, within one session and without a gap, are needed. "
             "Pass a longer record, or fewer lags."
         )
-
-
-def warn_if_short(selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int) -> None:
-    """Warn where a model has as many terms as its record allows to compare, or more."""
-    counts = np.count_nonzero(model.parameters, axis=0)
-    for output, one, count in zip(model.outputs, selected, counts, strict=True):
-        path = one.path
-        most = path.n_samples // 2
-        wished = count if n_terms is not None else min(max_terms, path.n_considered or path.n_candidates)
-        if count < most or wished <= most:
-            continue
-        warnings.warn(
-            f"The model of {output} has {count} term{'s' if count > 1 else ''} from {path.n_samples} usable "
-            "samples: the record is too short to tell what belongs to it, and beyond the record it may go "
-            f"anywhere. Pass a longer record ({2 * wished} usable samples compare all sizes up to {wished}), "
-            "or ask for less: fewer lags, a lower degree, n_terms.",
-            ExcitationWarning,
-            stacklevel=5,
-        )
-
-
-def longest_size(max_terms: int | None) -> int:
-    """Return the largest number of terms to try."""
-    return MAX_TERMS if max_terms is None else max_terms
-
-
-def warn_if_bound(
-    selected: "list[Selected]", model: NARXModel, n_terms: int | None, max_terms: int | None
-) -> None:
-    """Warn where a limit that somebody set, and not the criterion, says how many terms a model has."""
-    counts = np.count_nonzero(model.parameters, axis=0)
-    for output, one, count in zip(model.outputs, selected, counts, strict=True):
-        path = one.path
-        candidates, longest = path.n_considered or path.n_candidates, len(path.supports) - 1
-        told = ""
-        if n_terms is not None and longest < n_terms:
-            less = f"{longest} of {candidates} candidates can be told apart in this record"
-            told = (
-                f"n_terms={n_terms} for {output}, but "
-                f"{less if longest < candidates else f'there are {candidates} candidates'}; the model has "
-                f"{count}. Pass more lags or a higher degree, or n_terms={longest} to agree."
-            )
-        elif n_terms is not None or max_terms is None:
-            continue
-        elif count >= max_terms and min(candidates, path.n_samples // 2) > max_terms:
-            told = (
-                f"max_terms={max_terms} bound the size of the model of {output}: of all sizes tried "
-                "the largest is the best. Pass a larger max_terms, or n_terms to say how many are wanted."
-            )
-        if told:
-            warnings.warn(told, NarxWarning, stacklevel=4)
 
 
 def screened_library(

@@ -325,7 +325,7 @@ def free_run_uncertainty(
             "models do, so nothing is known of the parameters' uncertainty (NaN). Pass refine=False for "
             "intervals of one-step estimates.",
             NarxWarning,
-            stacklevel=4,
+            stacklevel=6,
         )
         return ParameterUncertainty(np.full_like(gram, np.nan), parts * len(runs.windows) - 1)
     into = np.empty_like(place)
