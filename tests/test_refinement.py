@@ -212,6 +212,20 @@ def test_a_free_run_that_is_lost_is_brought_back_over_short_horizons(seed, lags)
     assert given.score(X, y) > 0.9
 
 
+@pytest.mark.parametrize("options", [{"refine": True}, {"n_terms": 5}])
+def test_constraints_hold_on_the_free_run_where_candidates_were_screened(options):
+    rng = np.random.default_rng(0)
+    X, y = rng.uniform(-1, 1, (600, 2)), np.zeros(600)
+    for k in range(2, 600):
+        y[k] = 0.5 * y[k - 1] - 0.2 * y[k - 2] + 0.3 * X[k - 1, 0] + 0.4 * X[k - 2, 1] ** 2
+    y += 0.05 * rng.normal(size=600)  # on the output
+    narx = NARXRegressor(4, 5, degree=3, constraints="y[k-1] + y[k-2] = 0.3", **options).fit(X, y)
+    assert len(narx.candidates_) < narx.path_.n_considered
+    assert narx.noise_ == "output"
+    of_term = dict(zip(narx.terms_, narx.coef_, strict=True))
+    assert of_term.get("y[k-1]", 0.0) + of_term.get("y[k-2]", 0.0) == pytest.approx(0.3, abs=1e-12)
+
+
 def test_a_model_that_is_lost_on_its_own_record_is_told_once_with_the_way_out():
     X, y = saturating(0)
     with pytest.warns(

@@ -53,6 +53,14 @@ def test_an_index_that_is_no_time_says_nothing(index):
     assert fit(frame).sampling_period is None
 
 
+def test_a_batch_that_goes_on_with_a_session_keeps_the_step_of_its_index():
+    frame, model = FRAME.set_axis(STAMPS), NARXRegressor(1, 2, degree=1)
+    for piece in (slice(0, 150), slice(150, N)):
+        part = frame.iloc[piece]
+        model.partial_fit(part[["drive [V]"]], part["position [mm]"], sessions=np.zeros(150))
+    assert model.model_.sampling_period == pytest.approx(0.01, rel=1e-8)
+
+
 SHUFFLED = np.random.default_rng(1).permutation(N)
 
 

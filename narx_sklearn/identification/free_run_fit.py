@@ -64,7 +64,7 @@ def refine(
     mode = refine_mode(settings.refine)
     if mode == "never":
         return Refined(model)
-    inside = _on_model(model, selected, constraints)
+    inside = _on_model(model, problem.library, constraints)
     over_horizons = partial(_fitted, model, samples, inside, horizons=_horizons(model))
     if mode == "always":
         fit = over_horizons()
@@ -141,16 +141,16 @@ def _horizons(model: NARXModel) -> tuple[int | None, ...]:
 
 
 def _on_model(
-    model: NARXModel, selected: list[Selected], constraints: list[LinearConstraints]
+    model: NARXModel, library: TermLibrary, constraints: list[LinearConstraints]
 ) -> LinearConstraints | None:
-    """Return the constraints on the model's nonzero parameters, output after output."""
+    """Return constraints on all candidates as those on a model's nonzero parameters, output after output."""
     if not any(len(c) for c in constraints):
         return None
     rows, sides, width = [], [], int(np.count_nonzero(model.parameters))
     begin = 0
-    for output, (one, c) in enumerate(zip(selected, constraints, strict=True)):
+    for output, c in enumerate(constraints):
         kept = [t for t, value in zip(model.library, model.parameters[:, output], strict=True) if value]
-        part = on_library(c, one.compressed.library, TermLibrary(kept))
+        part = on_library(c, library, TermLibrary(kept))
         if part is not None:
             S = np.zeros((len(part), width))
             S[:, begin : begin + len(kept)] = part.S
