@@ -507,6 +507,9 @@ def test_plants_of_every_kind_can_be_run():
         np.testing.assert_allclose(run_plant(plant, u), 2 * u)
 
 
+TWO_INPUTS = NARXModel.from_equations("u[k-1] + y[k-1] + d[k-1]", outputs=["u"], inputs=["y", "d"])
+
+
 @pytest.mark.parametrize(
     ("fit", "error", "message"),
     [
@@ -546,6 +549,16 @@ def test_plants_of_every_kind_can_be_run():
         (lambda: RootCompensator(PLANT).fit().explain("matlab"), ValueError, "form='matlab'"),
         (lambda: InverseCompensator(M_INVERSE, lead=0).fit(), ValueError, "lead must be"),
         (lambda: InverseCompensator(denoise="magic").fit([[1.0]] * 9, [1.0] * 9), ValueError, "denoise must"),
+        (
+            lambda: InverseCompensator().fit(np.ones((9, 2)), np.ones(9)),
+            ValueError,
+            r"X has 2 columns, but the inverse model .* gives one input.*RootCompensator\(input_name=",
+        ),
+        (
+            lambda: InverseCompensator(TWO_INPUTS).fit(),
+            ValueError,
+            r"has the inputs \['y', 'd'\], but an inverse model has one",
+        ),
         (lambda: smooth_output(np.ones(9), 4), ValueError, "odd integer"),
         (lambda: smooth_output(np.ones(9), 11), ValueError, "shorter than the window"),
         (lambda: BoucWenCompensator(BoucWenModel(1, 1, 1)).fit(), ValueError, "input_gain 0"),

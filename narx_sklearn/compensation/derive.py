@@ -352,6 +352,12 @@ def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
     >>> print(inverse_law(model, lead=2))
     m[k] = 2*r[k+1] - 2*r[k] + m[k-1]
     """
+    if len(model.inputs) > 1:
+        raise ValueError(
+            f"The model has the inputs {list(model.inputs)}, but an inverse model has one: it gives the "
+            "machine's input from the machine's output. Pass such a model, or use root_law or isolated_law, "
+            "RootCompensator or IsolatedCompensator, with a model of the machine itself and input_name."
+        )
     model, name, output = _readable(model, None)
     renamed = _renamer(model, {output: INPUT, name: REFERENCE})
     side = _rename(model.equation(), renamed)

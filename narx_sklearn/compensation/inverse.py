@@ -265,7 +265,13 @@ class InverseCompensator(Compensator):
         """Return the machine's output moved ahead as a frame, its input as a series, and sessions."""
         u = as_signals(X, "X")
         if u.shape[1] != 1:
-            raise ValueError(f"The inverse of one input is identified, X has {u.shape[1]} columns.")
+            labels = column_labels(X)
+            raise ValueError(
+                f"X has {u.shape[1]} columns{'' if labels is None else f', {labels}'}, but the inverse model "
+                "of a machine gives one input. Pass the column of the input that the law is to give; where "
+                "the others act too, use RootCompensator(input_name=...) or "
+                "IsolatedCompensator(input_name=...), which take them as known."
+            )
         u_label = (column_labels(X) or ["u"])[0]
         y_label = (column_labels(y) or ["y"])[0]
         names = [
