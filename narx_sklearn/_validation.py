@@ -27,6 +27,7 @@ _FACTOR = rf"(?:(?:{_SYMBOL}|in|min|[hdLlCSHU]){_POWER}|1)"  # of a quotient or 
 _UNIT_IN_ROUND = re.compile(rf"-|{_SYMBOL}{_POWER}|{_FACTOR}(?:\s?[*/·.]\s?{_FACTOR}|\s{_FACTOR})+")
 _TIME = re.compile(r"(?:time|t|zeit|temps|tempo|tiempo)\b", re.IGNORECASE)
 _LONG_TIME = ("min", "h", "d")  # of a time; of all else the smallest, say, and not minutes
+STAMP = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d|$)")  # of ISO 8601, with the day at least
 _NOT_WORD = re.compile(r"\W+")
 
 SMALLEST, LARGEST = 1e-75, 1e75  # magnitudes whose fourth powers are still numbers
@@ -122,6 +123,7 @@ def as_signals(data, name: str) -> np.ndarray:
     TypeError
         If a column of it holds times.
     """
+    check_numeric(data, name)
     if not hasattr(data, "columns"):
         given, data = data, np.asarray(data)
         if data.ndim == 0:
@@ -131,7 +133,6 @@ def as_signals(data, name: str) -> np.ndarray:
                 "(n_samples, n_signals)."
             )
         data = data.reshape(-1, 1) if data.ndim == 1 else data
-    check_no_times(data, name)
     return check_array(
         data,
         dtype=np.float64,
@@ -262,16 +263,56 @@ def check_inputs_given(X, inputs) -> None:
         )
 
 
-def check_no_times(data, name: str) -> None:
-    """Raise a TypeError where a column of a table holds times, which would be taken for a signal's values."""
-    columns = list(data.columns) if hasattr(data, "columns") and hasattr(data, "dtypes") else []
-    kinds = [getattr(dtype, "kind", "") for dtype in data.dtypes] if columns else []
-    for label, kind in zip(columns, kinds, strict=True):
-        if kind in ("m", "M"):
-            raise TypeError(
-                f"{name}'s column {label!r} holds times, not values of a signal. Make it the index, which "
-                f"tells the sampling period, as with {name}.set_index({label!r}), or drop it."
+def check_numeric(data, name: str) -> None:
+    """Raise where a column of a table in memory holds times or text in the place of a signal's values.
+
+    Raises
+    ------
+    TypeError
+        If they are times, also where they are written out as text.
+    ValueError
+        If some text is no number.
+    """
+    if not hasattr(data, "iloc") or hasattr(data, "__dask_graph__"):
+        return
+    is_table = hasattr(data, "columns")
+    for i, label in enumerate(data.columns if is_table else [data.name]):
+        column = data.iloc[:, i] if is_table else data
+        whose = f"{name}'s column {label!r}" if is_table else name
+        kind = getattr(column.dtype, "kind", "")
+        text = "" if kind != "O" else _first_text(column)
+        if kind in ("m", "M") or looks_like_a_time(text):
+            stamps = f"pd.to_datetime({name}.pop({label!r}))" if text else repr(label)
+            way = (
+                f"Make it the index, which tells the sampling period, as with {name}.set_index({stamps}), or "
+                "drop it."
+                if is_table
+                else "Pass what was measured at these times."
             )
+            written = f", such as {text!r}" if text else ""
+            raise TypeError(f"{whose} holds times{written}, not values of a signal. {way}")
+        if text:
+            series = f"{name}[{label!r}]" if is_table else name
+            raise ValueError(
+                f"{whose} holds text, such as {text!r}, not values of a signal. Drop it; or, where text "
+                f"stands for missing values, pass pd.to_numeric({series}, errors='coerce') in its place."
+            )
+
+
+def looks_like_a_time(text) -> bool:
+    """Tell whether a text begins as ISO 8601 writes a date."""
+    return isinstance(text, str) and STAMP.match(text) is not None
+
+
+def _first_text(column) -> str:
+    """Return the first text of a column that is no number; empty where there is none."""
+    for value in column:
+        if isinstance(value, str):
+            try:
+                float(value)
+            except ValueError:
+                return value
+    return ""
 
 
 def check_indexes(X, y) -> None:

@@ -29,10 +29,12 @@ def without(frame, *rows):
         STAMPS,
         STAMPS - STAMPS[0],
         STAMPS.tz_localize("Europe/Vienna"),
+        STAMPS.astype(str),
+        STAMPS.tz_localize("Europe/Vienna").strftime("%Y-%m-%dT%H:%M:%S.%f%z"),
         pd.Index(np.arange(N) * 0.01, name="time [s]"),
         pd.Index(np.round(100.0 + np.arange(N) * 0.01, 6), name="t [s]"),
     ],
-    ids=["stamps", "deltas", "zone", "seconds", "rounded"],
+    ids=["stamps", "deltas", "zone", "texts", "texts with a zone", "seconds", "rounded"],
 )
 def test_a_model_keeps_the_step_of_a_time_index(index):
     assert fit(FRAME.set_axis(index)).sampling_period == pytest.approx(0.01, rel=1e-8)
@@ -43,8 +45,15 @@ def test_a_model_keeps_the_step_of_a_time_index(index):
 
 @pytest.mark.parametrize(
     "index",
-    [np.arange(N), np.arange(N) * 3, np.arange(N) * 0.5, pd.Index([f"row {k}" for k in range(N)])],
-    ids=["numbers", "threes", "floats", "words"],
+    [
+        np.arange(N),
+        np.arange(N) * 3,
+        np.arange(N) * 0.5,
+        pd.Index([f"row {k}" for k in range(N)]),
+        pd.Index([str(2000 + k) for k in range(N)]),
+        pd.Index(["2025-01-01", *"?" * (N - 1)]),
+    ],
+    ids=["numbers", "threes", "floats", "words", "digits", "one time"],
 )
 def test_an_index_that_is_no_time_says_nothing(index):
     frame = FRAME.set_axis(index)

@@ -12,6 +12,7 @@ from sklearn.model_selection import TimeSeriesSplit, cross_val_score
 from narx_sklearn import NARXRegressor, NARXRegressorCV, _validation
 from narx_sklearn._validation import (
     all_finite,
+    as_signals,
     blocks,
     check_indexes,
     finite_columns,
@@ -172,6 +173,19 @@ def test_signals_are_named_without_units_in_round_brackets():
     assert narx.model_.units == {"Drive": "V", "Position": "mm"}
 
 
+def test_text_among_numbers_is_told_with_what_makes_gaps_of_it():
+    X = pd.DataFrame({"drive [V]": ["0.5", "1.5", "n/a"] * 20, "load": np.arange(60.0)})
+    y = np.arange(60.0)
+    told = r"X's column 'drive \[V\]' holds text, such as 'n/a'.*to_numeric\(X\['drive \[V\]'\], errors="
+    with pytest.raises(ValueError, match=told):
+        NARXRegressor(0, 1, degree=1).fit(X, y)
+    mended = X.assign(**{"drive [V]": pd.to_numeric(X["drive [V]"], errors="coerce")})
+    written = mended.astype({"drive [V]": object})
+    written.iloc[0, 0] = "0.5"  # text that is a number counts as one
+    for table in (mended, written):
+        assert as_signals(table, "X")[:2, 0].tolist() == [0.5, 1.5]
+
+
 def test_a_column_of_times_is_told_to_belong_into_the_index():
     times = pd.date_range("2026-01-01", periods=50, freq="s")
     X = pd.DataFrame({"clock": times, "u": np.sin(np.arange(50.0))})
@@ -180,6 +194,18 @@ def test_a_column_of_times_is_told_to_belong_into_the_index():
     for table in (X, X[["clock"]], X.assign(clock=times - times[0])):
         with pytest.raises(TypeError, match=told):
             NARXRegressor(0, 1, degree=1).fit(table, y)
+    written = X.assign(clock=times.strftime("%Y-%m-%d %H:%M:%S"))
+    told_of_text = (
+        r"X's column 'clock' holds times, such as '2026-01-01 00:00:00'.*to_datetime\(X\.pop\('clock'\)"
+    )
+    for fit in (NARXRegressor(0, 1, degree=1).fit, NARXRegressorCV([0], [1], degree=[1]).fit):
+        with pytest.raises(TypeError, match=told_of_text):
+            fit(written, y)
+    as_told = written.set_index(pd.to_datetime(written.pop("clock")))
+    y_then = y.set_axis(as_told.index)
+    assert NARXRegressor(0, 1, degree=1, refine=False).fit(as_told, y_then).model_.sampling_period == 1.0
+    with pytest.raises(TypeError, match="y holds times, such as '2026-01-01"):
+        NARXRegressor(0, 1, degree=1).fit(X[["u"]], times.strftime("%Y-%m-%d").to_series(index=y.index))
     with pytest.raises(TypeError, match="y's column 'clock' holds times"):
         NARXRegressor(0, 1, degree=1).fit(X[["u"]], X[["clock"]])
     narx = NARXRegressor(0, 1, degree=1, refine=False).fit(X[["u"]], y)

@@ -131,7 +131,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         units in any case.
     sampling_period : float, default=None
         Seconds between samples, kept in the model. None takes the step of the time index of ``X`` or
-        ``y`` (times, or numbers called ``time [s]``), if there is one.
+        ``y`` (times, also as text, or numbers called ``time [s]``), if there is one.
     checkpoint : str or path-like, default=None
         Folder in which a long fit leaves what it has compressed so far. A fit that was interrupted goes on
         from there; one with other data or settings is refused. None keeps nothing.
@@ -270,7 +270,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             ``y`` are pandas tables with different row labels (or the same in another order), or with times
             that go back within a session.
         TypeError
-            If a column of ``X`` or ``y`` holds times; those belong into the index.
+            If a column of ``X`` or ``y`` holds times, also as text; those belong into the index.
 
         Warns
         -----

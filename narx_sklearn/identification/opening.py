@@ -6,7 +6,7 @@ from sklearn.utils.validation import validate_data
 from narx_sklearn._validation import (
     as_signals,
     check_indexes,
-    check_no_times,
+    check_numeric,
     check_same_length,
     column_labels,
     finite_columns,
@@ -33,7 +33,7 @@ def open_data(narx, X, y, sessions, *, reset: bool) -> Record:
 
 def open_inputs(narx, X, *, reset: bool = False) -> np.ndarray:
     """Return inputs as an array, their columns those that a regressor was fitted with."""
-    check_no_times(X, "X")
+    check_numeric(X, "X")
     return validate_data(
         narx, X, reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
         ensure_min_features=0 if has_no_inputs(narx.input_lags) else 1,
@@ -46,8 +46,8 @@ def _open_arrays(narx, X, y, sessions, *, reset: bool) -> ArrayRecord:
             "X is None, but a record is wanted: inputs of shape (n_samples, n_inputs). For a model "
             "without inputs pass input_lags=[] and X=np.empty((n_samples, 0))."
         )
-    check_no_times(X, "X")
-    check_no_times(y, "y")
+    check_numeric(X, "X")
+    check_numeric(y, "y")
     check_indexes(X, y)
     step = step_of_rows(
         {"X": X, "y": y}, sessions, narx.sampling_period, "the model by sampling_period", stacklevel=5

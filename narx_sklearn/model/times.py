@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from narx_sklearn._validation import session_slices, split_unit
+from narx_sklearn._validation import looks_like_a_time, session_slices, split_unit
 from narx_sklearn.exceptions import NarxWarning
 
 SAME_PERIOD = 0.01  # relative difference up to which two sampling periods are one
@@ -51,7 +51,8 @@ def step_of_rows(
 def index_step(data, sessions, name: str) -> float | None:
     """Return the median step of a table's time index, s; None where its rows carry no time, or all the same.
 
-    Times are a DatetimeIndex, a TimedeltaIndex, and numbers called ``time [s]`` or ``t [s]``.
+    Times are a DatetimeIndex, a TimedeltaIndex, numbers called ``time [s]`` or ``t [s]``, and texts that are
+    times as ISO 8601 writes them, ``2024-01-31 12:00:00.5``.
 
     Raises
     ------
@@ -188,11 +189,23 @@ def _index(data) -> Any:
 
 
 def _seconds(index) -> np.ndarray | None:
+    if getattr(index.dtype, "kind", "") == "O" and looks_like_a_time(index[0]):
+        index = _read(index)
+    if index is None:
+        return None
     if index.dtype.kind in "mM":
         return np.asarray((index - index[0]) / np.timedelta64(1, "s"), dtype=float)
     name, unit = split_unit(index.name) if isinstance(index.name, str) else ("", None)
     is_time = name.lower() in TIMES and unit == "s" and index.dtype.kind in "iuf"
     return index.to_numpy(dtype=float) if is_time else None
+
+
+def _read(index) -> Any:
+    """Return the times that an index of texts is of; None where one of them is none."""
+    import pandas as pd
+
+    stamps = pd.to_datetime(index, format="ISO8601", errors="coerce", utc=True)
+    return None if stamps.hasnans else stamps
 
 
 def _steps(position: np.ndarray, sessions) -> tuple[np.ndarray, int | None]:
