@@ -34,7 +34,13 @@ LINE, PULSE = "unnamed_line", "unnamed_pulse"
 PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
-UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, PRODUCT, WITH_SQUARE, ODD_POWER, EVEN_POWER)
+STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
+PRODUCTS, POWERS_OF_ONE, STORAGES = (
+    (PRODUCT, WITH_SQUARE),
+    (ODD_POWER, EVEN_POWER),
+    (STORED, STORED_BY_SQUARE),
+)
+UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, *PRODUCTS, *POWERS_OF_ONE, *STORAGES)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     DAMPED: "a damping that the catalogue does not hold",
@@ -46,6 +52,8 @@ TITLES = {
     WITH_SQUARE: "a product with a square that the catalogue does not hold",
     ODD_POWER: "a power that the catalogue does not hold",
     EVEN_POWER: "a power that the catalogue does not hold",
+    STORED: "an inertia, or whatever takes up what drives this equation, that changes",
+    STORED_BY_SQUARE: "an inertia, or whatever takes up what drives this equation, that changes",
 }
 SENTENCES = {
     DAMPED: "What is hit gives way.",
@@ -61,6 +69,10 @@ SENTENCES = {
     "outwards.",
     ODD_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
     EVEN_POWER: "What acts here grows as a power of this signal, another one than the known effects'.",
+    STORED: "What drives this equation, all of it, moves more or less by this signal, as where an inertia, a "
+    "cross-section, a capacity or an inductance is not constant.",
+    STORED_BY_SQUARE: "What drives this equation, all of it, moves more or less as this signal goes from one "
+    "point, either way: as where an inertia, a capacity or an inductance is not constant.",
 }
 ENDS = ("x from", "{arg}"), ("x to", "{arg}"), ("v from", "{arg}/s"), ("v to", "{arg}/s")  # of what was seen
 ANYWHERE = (-1e30, 1e30, -1e30, 1e30)  # while it is fitted
@@ -162,7 +174,7 @@ def placed_powers(simulator: Simulator, structure: Structure, x: np.ndarray) -> 
     """Return a force that goes as a power, for each state equation and argument that moves, either way."""
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
-        for argument in _moving(i, simulator, structure):
+        for argument in moving(i, simulator, structure):
             size = np.abs(x @ np.array(argument.weights)).max()
             if not size > 0:
                 continue
@@ -212,7 +224,7 @@ def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
         return None
     gap = spans[0][1], spans[1][0]
     fixed = [EffectParameter(name, "{arg}", at, at) for name, at in zip(("from", "to"), gap, strict=True)]
-    law = _law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "({port}) s/({arg})")
+    law = unnamed_law(DAMPED, "-d dx/dt beyond the gap", ["d"], fixed, _damped_beyond, "({port}) s/({arg})")
     begun = replace(placed, effect=law, limits=()).at((0.0, *gap, *placed.onward_theta))
     start = np.array(begun.theta)
     start[0] = 1.0
@@ -282,7 +294,7 @@ def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
 
 def _of_two(code: str, equation: str, force, unit: str) -> Effect:
     """Return a law of two signals, each counted from a working point."""
-    return replace(_law(code, equation, ["k"], POINTS, force, unit), amplitude=0, references=(1, 2))
+    return replace(unnamed_law(code, equation, ["k"], POINTS, force, unit), amplitude=0, references=(1, 2))
 
 
 def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, str]]:
@@ -290,11 +302,11 @@ def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[P
     for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
         yield Port("input", i), Argument((), *simulator.inputs[i]), "-"
     for i in np.flatnonzero(~structure.kinematic).tolist():
-        for argument in _moving(i, simulator, structure):
+        for argument in moving(i, simulator, structure):
             yield Port("state", i), argument, "{port}/({arg})"
 
 
-def _moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
+def moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
     """Yield all that a force in state equation ``i`` may depend on, each once."""
     seen = set()
     for kind in ("own", "position", "any"):
@@ -314,7 +326,7 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
         found += _read(Port("output", i), simulator, structure, np.column_stack([u, x]))
     for i in np.flatnonzero(~structure.kinematic).tolist():
         port = Port("state", i)
-        for argument in _moving(i, simulator, structure):
+        for argument in moving(i, simulator, structure):
             found.append(_at(port, argument, x @ np.array(argument.weights)))
         if structure.partner[i] >= 0:
             for argument in arguments("position", i, simulator, structure):
@@ -411,7 +423,7 @@ def _without_input(placed: PlacedEffect) -> PlacedEffect:
     """Return a polynomial in position, rate and input without the input."""
     n, n_of_input = len(MONOMIALS), len(OF_INPUT)
     sizes = placed.theta[n + n_of_input :][:2]
-    effect = _law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
+    effect = unnamed_law(SURFACE, "", MONOMIALS, _fixed(sizes), _surface)
     rest = placed.onward_theta
     alone = replace(placed, effect=effect, second=(), second_name="", second_unit="", limits=())
     return alone.at((*placed.theta[:n], *sizes, *ANYWHERE, *rest))
@@ -451,14 +463,14 @@ def _unnamed(
 ) -> Hypothesis:
     """Return the hypothesis of a force that is linear in its named coefficients; others keep their bounds."""
     n = len(names)
-    placed = placed_at(_law(code, equation, names, fixed, force, unit), port, argument)
+    placed = placed_at(unnamed_law(code, equation, names, fixed, force, unit), port, argument)
     scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
     starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
     begun = placed.at(np.r_[np.zeros(n), scale])
     return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
 
 
-def _law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
+def unnamed_law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
     transforms = {CURVE: _transform, LINE: _gained, PULSE: _pulsated}
     return Effect(
         code=code,

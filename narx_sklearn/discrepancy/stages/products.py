@@ -1,4 +1,4 @@
-"""Forces that go as a product of two states: which of them tells most of what is missing."""
+"""Products of two states, and storages that change: which of them tells most of what is missing."""
 
 import numpy as np
 
@@ -8,11 +8,13 @@ from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.generic import product_hypotheses
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
+from narx_sklearn.discrepancy.search.storage import storage_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.plain import counted_from_zero
 
-TRIED = 3  # products of which the tangents tell most, that are fitted
+TRIED = 3  # laws of which the tangents tell most, that are fitted
 
 
 def best_product(
@@ -22,8 +24,30 @@ def best_product(
 
     It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
     """
-    x = problem.run(refitted.model).x[problem.rows[problem.inside]]
-    hypotheses = product_hypotheses(problem.simulator, structure, x)
+    x = _seen(problem, refitted)
+    return _best(problem, refitted, beside, product_hypotheses(problem.simulator, structure, x), n_jobs)
+
+
+def best_storage(
+    problem: Problem, refitted: Fit, beside: Fit, structure: Structure, n_jobs: int | None = None
+) -> Candidate | None:
+    """Return the single storage that best changes with a signal; None where nothing moves.
+
+    It is fitted as the products are.
+    """
+    x = _seen(problem, refitted)
+    return _best(problem, refitted, beside, storage_hypotheses(problem.simulator, structure, x), n_jobs)
+
+
+def _seen(problem: Problem, refitted: Fit) -> np.ndarray:
+    """Return the states of a run where it was measured, (n_samples, n_states)."""
+    return problem.run(refitted.model).x[problem.rows[problem.inside]]
+
+
+def _best(
+    problem: Problem, refitted: Fit, beside: Fit, hypotheses: list[Hypothesis], n_jobs: int | None
+) -> Candidate | None:
+    """Return the best law, fitted, of those of which the tangents tell most."""
     if not hypotheses:
         return None
     bank = make_bank(problem, refitted, hypotheses, n_jobs)

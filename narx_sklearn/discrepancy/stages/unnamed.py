@@ -23,7 +23,7 @@ from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.powers import best_power
-from narx_sklearn.discrepancy.stages.products import best_product
+from narx_sklearn.discrepancy.stages.products import best_product, best_storage
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
@@ -41,10 +41,10 @@ def best_unnamed(
 ) -> Candidate | None:
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
-    So are forces that go as a power, but one that an effect has which is ``known``, or as a product. All act
-    beside what the refit has already. Beside what acts for a while, curves are tried that do too, and a
-    change of the simulator's own parameters meanwhile; and what pulsates at the frequencies of some
-    ``waves``, Hz.
+    So are forces that go as a power, but one that an effect has which is ``known``, or as a product, and
+    storages that change. All act beside what the refit has already. Beside what acts for a while, curves are
+    tried that do too, and a change of the simulator's own parameters meanwhile; and what pulsates at the
+    frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -60,7 +60,8 @@ def best_unnamed(
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     product = best_product(problem, refitted, beside, structure, settings.n_jobs)
-    laws = [*(simplified(problem, curve) for curve in found[:1]), power, product]
+    storage = best_storage(problem, refitted, beside, structure, settings.n_jobs)
+    laws = [*(simplified(problem, curve) for curve in found[:1]), power, product, storage]
     return min((law for law in laws if law is not None), key=lambda c: c.criterion, default=None)
 
 
