@@ -20,8 +20,10 @@ from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.judgement import _without_its_power
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
 from narx_sklearn.discrepancy.stages.refuted import (
+    LeftByForm,
     Leftover,
     is_refuted,
+    left_by_form,
     may_be_drift,
     needs_wrong_parameters,
     only_stand_in,
@@ -121,6 +123,29 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
     best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
     left = Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
     assert is_refuted(base, best, None, left, 0.005) == refuted
+
+
+@pytest.mark.parametrize(
+    ("left", "unnamed", "said"),
+    [
+        # all explained 900, noise 100; a further 25 of these would be 1 / 37 of 925, over 1 / 20 or 1 / 10
+        (Leftover(1e-4, 25.0, of_form=True), None, (25 / 925, np.sqrt(25 / 75), 20 * 25 / 925)),
+        (Leftover(1e-4, 25.0), None, (25 / 925, np.sqrt(25 / 75), 10 * 25 / 925)),
+        (Leftover(0.3, 25.0, of_form=True), None, (0.0, 0.0, 0.0)),  # it may be noise
+        (Leftover(1e-4, -3.0), None, (0.0, 0.0, 0.0)),
+        # a law without a name that leaves 60 of the 100: 40, but ten times the 1 of noise by its freedom
+        (NOTHING_LEFT, 60.0, (30 / 930, np.sqrt(30 / 70), 10 * 30 / 930)),
+        (NOTHING_LEFT, 99.0, (0.0, 0.0, 0.0)),
+        (Leftover(1e-4, 25.0, of_form=True), 60.0, (25 / 925, np.sqrt(25 / 75), 20 * 25 / 925)),
+    ],
+)
+def test_what_a_name_leaves_is_told_as_a_share_in_noise_and_as_doubt(left, unnamed, said):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    best = Candidate(base._replace(cost=100.0), 100)
+    law = None if unnamed is None else Candidate(base._replace(cost=unnamed), 100)
+    found = left_by_form(base._replace(cost=1000.0), best, law, left)
+    assert found == pytest.approx(LeftByForm(*said))
 
 
 @pytest.mark.parametrize(("better", "refuted"), [(8.0, False), (12.0, True)])

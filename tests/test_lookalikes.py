@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.search.lookalikes import ALIKE, likeliest, look_al
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import naming
 from narx_sklearn.discrepancy.stages.naming import FORM, named_by_reach
+from narx_sklearn.discrepancy.stages.refuted import LeftByForm
 from narx_sklearn.discrepancy.stages.swaps import exchanges
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -405,10 +406,28 @@ class TestLookAlikes:
             steps=[SimpleNamespace(candidates=[cubic])],
             p_missing=0.0,
             is_named=named,
+            left=LeftByForm(),
         )
         odds = np.exp(0.5 * (RULED + more))
         outside = OUTSIDE * (PASSES_FOR_NAMES if named else 1.0)
         assert _confidence(found, 0) == pytest.approx((1 - outside) * odds / (odds + 1))
+
+    @pytest.mark.parametrize(
+        ("doubt", "confidence"),
+        [
+            (0.0, 1 - OUTSIDE * PASSES_FOR_NAMES),  # odds against it of 1 to 139
+            (0.5, 1 / (1 + 139**-0.5)),
+            (1.0, 0.5),  # where the verdict would be another
+        ],
+    )
+    def test_what_a_name_visibly_leaves_speaks_against_it(self, doubt, confidence):
+        problem, start = axis_problem([friction(0.4)])
+        best = Candidate(fit(problem, start._replace(effects=(friction(0.4),))), problem.n_seen)
+        left = LeftByForm(share=0.05 * doubt, deviations=1.0, doubt=doubt)
+        found = SimpleNamespace(
+            best=best, alternatives=((),), steps=[], p_missing=0.0, is_named=True, left=left
+        )
+        assert _confidence(found, 0) == pytest.approx(confidence)
 
     @pytest.mark.parametrize(("unit", "stays"), [("rad", False), ("m", True)])
     def test_a_ripple_that_came_to_one_wave_a_turn_is_a_weight_where_that_is_at_home(self, unit, stays):
@@ -521,6 +540,7 @@ def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share
         steps=[SimpleNamespace(candidates=[other])],
         p_missing=0.0,
         is_named=False,
+        left=LeftByForm(),
     )
     odds = np.exp(0.5 * (max(HARDLY + share * price - price, 0.0) / COARSE + RULED))
     assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))

@@ -15,6 +15,8 @@ from small_machines import held_growing, make_axis, make_growing
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.report_text import report_text
+from narx_sklearn.discrepancy.stages.refuted import LeftByForm
 from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
@@ -181,6 +183,17 @@ def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
     assert f"{dx.findings_[0].place}, from 10 s to 25.5 s" in text
     assert "What these leave is no noise. It comes in bursts." in text
     assert "no noise" not in " ".join(Page(render_report(*case)).text)
+
+
+def test_both_reports_say_how_much_a_name_that_stands_leaves(case):
+    dx, u, y = case
+    told = copy(dx)
+    left = LeftByForm(share=0.031, deviations=1.26, doubt=0.62)
+    told.conclusion_ = replace(dx.conclusion_, diagnosis=replace(dx.conclusion_.diagnosis, left=left))
+    said = "These leave 3.1 % of what could be explained to a law without a name, 1.3 times the noise"
+    assert said in report_text(told)
+    assert said in render_report(told, u, y)
+    assert "to a law without a name" not in dx.report_
 
 
 def test_the_curve_of_the_data_is_found_without_the_effect(case):

@@ -279,6 +279,8 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     and Dunson 2019, Robust Bayesian inference via coarsening). What the rules of naming put first goes before
     what fits as well: the simplest, by its name in such a motion, and more so what is at home where it acts.
     A share is left to what no catalogue holds; a small one where that would hardly have passed for names.
+    What names visibly leave speaks for it: the logarithm of its odds grows with that, and they are even where
+    the names would not stand.
     """
     best = diagnosis.best
     is_at_home = at_home(best)
@@ -292,6 +294,8 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
         code = other.effect.code
         weights[code] = max(weights.get(code, 0.0), float(np.exp(-0.5 * worse)))
     outside = OUTSIDE * (PASSES_FOR_NAMES if diagnosis.is_named else 1.0)
+    odds = (outside / (1.0 - outside)) ** (1.0 - diagnosis.left.doubt)
+    outside = odds / (1.0 + odds)
     return (1.0 - outside) * (1.0 - diagnosis.p_missing) / sum(weights.values())
 
 

@@ -143,6 +143,12 @@ def what_is_left(dx) -> str:
     if not any(finding.modelled for finding in dx.findings_):
         return ""
     words = []
+    if (left := dx.conclusion_.diagnosis.left).share and dx.verdict_ != "unknown":
+        words.append(
+            f"These leave {_percent(left.share)} of what could be explained to a law without a name, "
+            f"{rounded(left.deviations)} times the noise (root mean square): their form is idealised, or "
+            "they stand in for a law near to theirs. The parameters' intervals hold either way."
+        )
     if against := dx.conclusion_.diagnosis.against_noise:
         words += ["What these leave is no noise.", *(sign.words for sign in against)]
     if (left_there := dx.conclusion_.left_there) > STANDS_IN:

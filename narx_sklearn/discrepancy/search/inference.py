@@ -1,6 +1,7 @@
 """How sure: intervals of the parameters, and whether they moved at all."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -66,6 +67,24 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
         for index in effect.effect.instants:
             rows[own.start + index] = _earliest_and_latest(problem, fit, own.start + index, level)
     return np.clip(rows, domain[:, :1], domain[:, 1:])
+
+
+def spanning(problem: Problem, sure: np.ndarray, others: Iterable[Fit], level: float) -> np.ndarray:
+    """Return intervals, (n_q, 2), widened over what other explanations say of the simulator's own parameters.
+
+    Of parameters that one does not tell alone, as a curve does not tell the stiffness beside it, it says
+    nothing.
+    """
+    spanned, n_own = sure.copy(), len(problem.simulator.parameters)
+    for other in others:
+        rows = intervals(problem, other, level)[:n_own]
+        lost = [k for group in told_together(untold(other)) for k in group if k < n_own]
+        told = np.isfinite(rows).all(axis=1)
+        told[lost] = False
+        own = spanned[:n_own]  # a view
+        own[told, 0] = np.minimum(own[told, 0], rows[told, 0])
+        own[told, 1] = np.maximum(own[told, 1], rows[told, 1])
+    return spanned
 
 
 def as_driven(problem: Problem, found: Fit) -> Fit | None:

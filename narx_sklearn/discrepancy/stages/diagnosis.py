@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -13,7 +14,13 @@ from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step, by_weight
 from narx_sklearn.discrepancy.search.generic import UNNAMED
-from narx_sklearn.discrepancy.search.inference import intervals, parameters_moved, told_together, untold
+from narx_sklearn.discrepancy.search.inference import (
+    intervals,
+    parameters_moved,
+    spanning,
+    told_together,
+    untold,
+)
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
@@ -36,7 +43,7 @@ from narx_sklearn.discrepancy.stages.plain import (
     with_limits_that_pay,
     with_positive_amplitudes,
 )
-from narx_sklearn.discrepancy.stages.refuted import may_be_drift
+from narx_sklearn.discrepancy.stages.refuted import NOTHING_SEEN, LeftByForm, may_be_drift
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.stretches import Stretches, find_stretches
 from narx_sklearn.discrepancy.stages.temporary import (
@@ -86,6 +93,8 @@ class Diagnosis:
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
+    left: LeftByForm = NOTHING_SEEN  # by names that stand, of what could be explained
+    unnamed: Candidate | None = None  # the best law without a name, where names were held against one
     narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
 
     @property
@@ -103,10 +112,15 @@ class Diagnosis:
         return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
 
     def intervals(self, level: float) -> np.ndarray:
-        """Return confidence intervals of all that was fitted last, (n_q, 2)."""
+        """Return confidence intervals of all that was fitted last, (n_q, 2).
+
+        Those of the simulator's own parameters hold whichever of the explanations is right that these data
+        do not exclude.
+        """
         model = self.best.fit.model
         if self.unforeseen is None:
-            return intervals(self.problem, self.best.fit, level)
+            sure = intervals(self.problem, self.best.fit, level)
+            return spanning(self.problem, sure, [c.fit for c in self.not_excluded], level)
         return self.unforeseen.intervals(model.q, all_bounds(self.problem, model), level)
 
     @cached_property
@@ -118,6 +132,14 @@ class Diagnosis:
     def told_together(self) -> list[list[int]]:
         """Groups of parameters of which only what they do together is told."""
         return told_together(self.untold)
+
+    @property
+    def not_excluded(self) -> list[Candidate]:
+        """What else may explain the record: look-alikes, a law without a name where names leave something."""
+        if not self.is_named:
+            return []
+        laws = [self.unnamed] if self.left.share and self.unnamed is not None else []
+        return [*chain.from_iterable(self.alternatives), *laws]
 
     @property
     def as_drift(self) -> "Diagnosis | None":
@@ -253,6 +275,8 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         twin_misses_more=twin_misses_more,
         against_noise=found.against_noise,
         unforeseen=found.unforeseen,
+        left=found.left if found.verdict != "unknown" else NOTHING_SEEN,
+        unnamed=found.unnamed,
         lengthened_from=lengthened_from,
     )
 

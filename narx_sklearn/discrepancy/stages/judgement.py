@@ -18,7 +18,10 @@ from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
 from narx_sklearn.discrepancy.stages.naming import named_by_reach, named_set
 from narx_sklearn.discrepancy.stages.powers import with_another_power
 from narx_sklearn.discrepancy.stages.refuted import (
+    NOTHING_SEEN,
+    LeftByForm,
     is_refuted,
+    left_by_form,
     left_that_is_no_noise,
     leftover_of,
     may_be_drift,
@@ -42,6 +45,7 @@ class Judgement(NamedTuple):
     stand_in: bool = False  # names for a law that is none of them
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and the names leave
     unforeseen: Unforeseen | None = None  # what follows no signal, in the place of names
+    left: LeftByForm = NOTHING_SEEN  # by names that stand
 
 
 def judge(searched: Searched, structure: Structure, settings: Settings) -> Judgement | None:
@@ -101,7 +105,8 @@ def _judged(
         return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         return Judgement("unknown", best, alternatives, unnamed)
-    return Judgement(named, best, alternatives, unnamed)
+    left = left_by_form(refitted, best, unnamed, leftover)
+    return Judgement(named, best, alternatives, unnamed, left=left)
 
 
 def _without_its_power(

@@ -41,6 +41,39 @@ class Leftover(NamedTuple):
         return self.of_form and self.p_value <= alpha and self.gain > share * (taken_off + self.gain)
 
 
+class LeftByForm(NamedTuple):
+    """What names that stand visibly leave of what could be explained; nothing where it may be noise."""
+
+    share: float = 0.0  # of what the names take off, and it would
+    deviations: float = 0.0  # root mean square, in those of what is left beside it
+    doubt: float = 0.0  # the share over that at which the names would not stand
+
+
+NOTHING_SEEN = LeftByForm()
+
+
+def left_by_form(refitted: Fit, best: Candidate, unnamed: Candidate | None, leftover: Leftover) -> LeftByForm:
+    """Return what names that stand visibly leave to further curves, or to what has no name."""
+    unit = best.fit.cost / best.n_samples
+    told = []  # gain, and the share that would refute the names
+    if leftover.p_value <= SUSPECT and leftover.gain > 0:
+        told.append((leftover.gain, FORM if leftover.of_form else UNEXPLAINED))
+    if unnamed is not None and unnamed.criterion < best.criterion - HARDLY:
+        told.append((best.fit.cost - unnamed.fit.cost - BY_CHANCE * unit, UNEXPLAINED))
+    found = NOTHING_SEEN
+    for gain, limit in told:
+        if not 0 < gain < best.fit.cost:
+            continue
+        share = gain / (refitted.cost - best.fit.cost + gain)
+        deviations = np.sqrt(gain / (best.fit.cost - gain))
+        found = max(found, LeftByForm(share, float(deviations), min(share / limit, 1.0)), key=_doubt)
+    return found
+
+
+def _doubt(left: LeftByForm) -> float:
+    return left.doubt
+
+
 def leftover_of(
     problem: Problem,
     best: Candidate,
