@@ -8,7 +8,8 @@ import pytest
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.acting import signal_change
 from narx_sklearn.discrepancy.locate import tangent
-from narx_sklearn.discrepancy.search.generic import CURVE, KNOTS, curve_hypotheses
+from narx_sklearn.discrepancy.search.broken_line import KNOTS
+from narx_sklearn.discrepancy.search.generic import CURVE, curve_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.forms import along
@@ -90,10 +91,10 @@ def acting():
     """A broken line of the charge and one of the current, on one output."""
     u = current(200)
     _, found = curves(make(), u)
-    ends = [(curve.theta[KNOTS], curve.theta[KNOTS + 1]) for curve in found]
+    knots = [curve.theta[KNOTS : 2 * KNOTS] for curve in found]
     lines = [[0.3, 0.1, 0.0, 0.2, 0.1, 0.0, -0.1], [0.0, 0.0, 0.1, 0.1, 0.2, 0.3, 0.5]]
-    effects = [found[k].at((*line, *ends[k])) for k, line in zip((2, 1), lines, strict=True)]
-    drawn = [(np.linspace(*ends[k], KNOTS), line) for k, line in zip((2, 1), lines, strict=True)]
+    effects = [found[k].at((*line, *knots[k])) for k, line in zip((2, 1), lines, strict=True)]
+    drawn = [(knots[k], line) for k, line in zip((2, 1), lines, strict=True)]
     return make(), u, effects, drawn
 
 

@@ -8,18 +8,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_machines import axis_problem, diagnosed_oscillator
 
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.broken_line import KNOTS
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.generic import (
     EVEN_POWER,
+    INVERSE,
     ODD_POWER,
+    curve_hypotheses,
+    inverse_power,
     placed_powers,
     power_effect,
     with_free_power,
 )
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.knots import drawn_again
 from narx_sklearn.discrepancy.stages.powers import best_power, with_another_power
 from narx_sklearn.physics.effects import CATALOGUE, Power
 
@@ -57,6 +66,11 @@ def test_a_law_with_its_power_free_begins_as_it_is(code, x, size, k):
     assert value(freed.effect, x, freed.theta) == pytest.approx(value(named.effect, x, (k,)), abs=1e-9)
     assert freed.theta[1] == named.effect.power.exponent
     assert (freed.port, freed.weights) == (named.port, named.weights)
+
+
+@pytest.mark.parametrize(("x", "force"), [(0.5, 3.0), (1.0, 0.75), (-2.0, 3.0 / 16), (0.1, 3.0), (0.0, 3.0)])
+def test_an_inverse_square_has_a_quarter_at_twice_the_distance_and_no_more_than_it_had_nearest(x, force):
+    assert value(inverse_power(0.5), x, (3.0, 2.0, 0.5)) == pytest.approx(force)
 
 
 def refitted_with(truth, *named, noise=0.001, **made):
@@ -129,6 +143,57 @@ class TestWithoutAName:
         placed = placed_powers(problem.simulator, find_structure(problem.simulator, x, problem.u), x)
         tried = {(p.effect.code, p.weights) for p in placed}
         assert tried == {(c, w) for c in (ODD_POWER, EVEN_POWER) for w in (VELOCITY, (1.0, 0.0))}
+
+
+def height(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0],)
+
+
+def height_near_ground(x, u, p):
+    return (p[0] * u[0] - p[1] * x[0] + 0.05 / x[0] ** 2,)
+
+
+class TestFallingOff:
+    """A craft that sinks to a tenth of its height, held up by what falls off with the square of it."""
+
+    @pytest.fixture
+    def flown(self):
+        about = {"dt": 0.05, "states": ["height [m]"], "inputs": ["thrust [V]"]}
+        parameters = {"lift [m/s/V]": 1.0, "sinking [1/s]": 1.0}
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(-1.0, 3.0, 60), 20)[:, None]
+        true, plain = (
+            ODESimulator(law, parameters=parameters, substeps=4, **about)
+            for law in (height_near_ground, height)
+        )
+        x0 = np.array([1.0])
+        y = true.simulate(u, x0=x0) + 0.002 * rng.normal(size=(len(u), 1))
+        windows = cut([(slice(0, len(u)), 0)], 200, 12)
+        problem = Problem(plain, u, y, windows, Noise.white(np.array([0.002])))
+        base = fit(problem, Model(plain.nominal, (), y[windows.first]))
+        return problem, base, find_structure(plain, problem.run(base.model).x, u)
+
+    def test_the_inverse_power_is_found(self, flown):
+        problem, base, structure = flown
+        found = best_power(problem, base, base, structure, [])
+        (placed,) = found.effects
+        assert placed.effect.code == INVERSE
+        assert placed.theta[1] == pytest.approx(2.0, abs=0.1)
+        assert found.fit.cost < 1.1 * problem.n_seen
+
+    def test_a_line_with_knots_near_the_ground_leaves_far_less_than_an_even_one(self, flown):
+        problem, base, structure = flown
+        run = problem.run(base.model)
+        curves = curve_hypotheses(problem.simulator, structure, problem.u, run.x, run.y)
+        (line,) = [c.placed for c in curves if c.placed.port.kind == "state"]
+        even = Candidate(fit(problem, base.model._replace(effects=(line,))), problem.n_seen)
+        drawn = drawn_again(problem, even)
+        knots = np.array(drawn.effects[0].theta[KNOTS : 2 * KNOTS])
+        assert np.all(np.diff(knots) > 0)
+        assert np.diff(knots)[0] < 0.5 * np.diff(knots)[-1]
+        assert knots[0] == pytest.approx(problem.y.min(), abs=0.02)  # without the law it sinks below ground
+        assert even.effects[0].theta[KNOTS] < -0.5
+        assert drawn.fit.cost - problem.n_seen < 0.1 * (even.fit.cost - problem.n_seen)
 
 
 def damped_by_the_cube(x, u, p):

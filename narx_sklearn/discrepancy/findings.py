@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
-from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, UNNAMED
+from narx_sklearn.discrepancy.search.generic import ANYWHERE, CURVE, ENDS, UNNAMED
 from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
@@ -325,7 +325,7 @@ def _has(placed: PlacedEffect) -> np.ndarray:
 
     Nor are the ends of what it was seen over parameters of it.
     """
-    if placed.effect.code not in UNNAMED:
+    if placed.effect.code not in UNNAMED or placed.effect.code == CURVE:  # a knot may be at zero
         return np.ones(placed.n_theta, dtype=bool)
     dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
     return ~(dropped | np.isin(parameter_names(placed), [name for name, _ in ENDS]))

@@ -14,6 +14,13 @@ import numpy as np
 from numba import njit
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.broken_line import (
+    KNOTS,
+    ends_of,
+    force_of_line,
+    knots_as_parameters,
+    line_added,
+)
 from narx_sklearn.discrepancy.search.hypotheses import (
     Argument,
     Hypothesis,
@@ -28,19 +35,14 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Power, no_start
 from narx_sklearn.physics.effects._series import time_since
 
-KNOTS = 7  # of a broken line
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
 LINE, PULSE = "unnamed_line", "unnamed_pulse"
 PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
-ODD_POWER, EVEN_POWER = "unnamed_odd_power", "unnamed_even_power"
+ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unnamed_inverse_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
-PRODUCTS, POWERS_OF_ONE, STORAGES = (
-    (PRODUCT, WITH_SQUARE),
-    (ODD_POWER, EVEN_POWER),
-    (STORED, STORED_BY_SQUARE),
-)
-UNNAMED = (CURVE, SURFACE, DRIVEN, LINE, PULSE, *PRODUCTS, *POWERS_OF_ONE, *STORAGES)
+OF_ONE, OF_TWO = (CURVE, ODD_POWER, EVEN_POWER, INVERSE), (PRODUCT, WITH_SQUARE, STORED, STORED_BY_SQUARE)
+UNNAMED = (*OF_ONE, *OF_TWO, SURFACE, DRIVEN, LINE, PULSE)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     DAMPED: "a damping that the catalogue does not hold",
@@ -54,6 +56,7 @@ TITLES = {
     EVEN_POWER: "a power that the catalogue does not hold",
     STORED: "an inertia, or whatever takes up what drives this equation, that changes",
     STORED_BY_SQUARE: "an inertia, or whatever takes up what drives this equation, that changes",
+    INVERSE: "an inverse power that the catalogue does not hold",
 }
 SENTENCES = {
     DAMPED: "What is hit gives way.",
@@ -73,28 +76,19 @@ SENTENCES = {
     "cross-section, a capacity or an inductance is not constant.",
     STORED_BY_SQUARE: "What drives this equation, all of it, moves more or less as this signal goes from one "
     "point, either way: as where an inertia, a capacity or an inductance is not constant.",
+    INVERSE: "What acts here falls off as a power of this signal, as what acts over a distance does. Nearer "
+    "to zero than this recording came it is taken to stay as it is there.",
 }
 ENDS = ("x from", "{arg}"), ("x to", "{arg}"), ("v from", "{arg}/s"), ("v to", "{arg}/s")  # of what was seen
 ANYWHERE = (-1e30, 1e30, -1e30, 1e30)  # while it is fitted
 POWERS = (1.5, 12.0)  # exponents: with less it is hardly more than a line
+INVERSES = (0.5, 6.0)  # the same of what falls off
 HALF = 0.5  # by which an exponent may be off and the law still be of a power's name
+CUBE, SQUARE = Power(3.0, odd=True), Power(2.0, odd=False)  # with which a free power begins
 POINTS = EffectParameter("r", "{arg}"), EffectParameter("c", "{second}")  # from which a product is counted
 MONOMIALS = {"x2": "x^2", "xv": "x v", "v2": "v^2", "x3": "x^3", "x2v": "x^2 v", "xv2": "x v^2", "v3": "v^3"}
 OF_INPUT = {"ux": "u x", "ux2": "u x^2", "uv": "u v", "uv2": "u v^2"}
 TERMS = {SURFACE: MONOMIALS, DRIVEN: MONOMIALS | OF_INPUT}  # of a polynomial, by the names of coefficients
-
-
-@njit(nogil=True, cache=True)
-def _broken_line(value, theta):
-    """Return the broken line through (knot_i, theta_i), constant beyond the ends."""
-    low, high = theta[KNOTS], theta[KNOTS + 1]
-    place = (value - low) / (high - low) * (KNOTS - 1)
-    if not place > 0:
-        return theta[0]
-    if place >= KNOTS - 1:
-        return theta[KNOTS - 1]
-    i = int(place)
-    return theta[i] + (place - i) * (theta[i + 1] - theta[i])
 
 
 @njit(nogil=True, cache=True)
@@ -117,16 +111,6 @@ def _driven_surface(argument, rate, own, second, time, step, z, theta, dz):
 def _polynomial(x, v, theta):
     squares = theta[0] * x * x + theta[1] * x * v + theta[2] * v * v
     return squares + theta[3] * x**3 + theta[4] * x * x * v + theta[5] * x * v * v + theta[6] * v**3
-
-
-@njit(nogil=True, cache=True)
-def _force(argument, rate, own, second, time, step, z, theta, dz):
-    return _broken_line(argument, theta)
-
-
-def _transform(signal, second, dt, theta, first):
-    knots = np.linspace(theta[KNOTS], theta[KNOTS + 1], KNOTS)
-    return signal + np.interp(signal if second is None else second, knots, theta[:KNOTS])
 
 
 @njit(nogil=True, cache=True)
@@ -170,19 +154,49 @@ def _even_power(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * np.abs(argument / theta[2]) ** theta[1]
 
 
+@njit(nogil=True, cache=True)
+def _inverse_power(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * (theta[2] / max(np.abs(argument), theta[2])) ** theta[1]
+
+
 def placed_powers(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[PlacedEffect]:
-    """Return a force that goes as a power, for each state equation and argument that moves, either way."""
+    """Return a force that goes as a power, for each state equation and argument that moves, either way.
+
+    Where the argument stays on one side of zero the force may fall off as a power too.
+    """
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):
-            size = np.abs(x @ np.array(argument.weights)).max()
-            if not size > 0:
+            values = x @ np.array(argument.weights)
+            far, (low, high) = np.abs(values).max(), ends_of(values)
+            if not far > 0:
                 continue
-            for power in (Power(3.0, odd=True), Power(2.0, odd=False)):
-                placed = placed_at(power_effect(power, size), Port("state", i), argument)
-                placed = placed.at((0.0, power.exponent, size, *[placed.share] * placed.reacts))
+            laws = [(power_effect(power, far), power.exponent, far) for power in (CUBE, SQUARE)]
+            if low * high > 0:
+                near = min(abs(low), abs(high))
+                laws.append((inverse_power(near), SQUARE.exponent, near))
+            for effect, exponent, size in laws:
+                placed = placed_at(effect, Port("state", i), argument)
+                placed = placed.at((0.0, exponent, size, *[placed.share] * placed.reacts))
                 found += [placed, *beside_inputs(placed, simulator, structure)]
     return found
+
+
+def inverse_power(nearest: float) -> Effect:
+    """Return a force that falls off as a power, as strong as it says at the nearest to zero that was seen."""
+    return Effect(
+        code=INVERSE,
+        title=TITLES[INVERSE],
+        sentence=SENTENCES[INVERSE],
+        equation="a (nearest / |x|)^n",
+        parameters=(
+            EffectParameter("a", "{port}"),
+            EffectParameter("n", "-", *INVERSES),
+            EffectParameter("nearest", "{arg}", nearest, nearest),
+        ),
+        starts=no_start,
+        force=_inverse_power,
+    )
 
 
 def power_effect(power: Power, size: float) -> Effect:
@@ -347,12 +361,12 @@ def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None
     values = values[np.isfinite(values)]
     if values.size == 0 or np.ptp(values) <= 0:
         return None
-    low, high = np.quantile(values, [0.005, 0.995])
+    low, high = ends_of(values)
     if not high > low:
         return None
-    fixed = (EffectParameter("from", "{arg}", low, low), EffectParameter("to", "{arg}", high, high))
+    fixed = knots_as_parameters(np.linspace(low, high, KNOTS))
     names = [f"f{i + 1}" for i in range(KNOTS)]
-    return _unnamed(CURVE, "f(x), a broken line", names, fixed, _force, port, argument)
+    return _unnamed(CURVE, "f(x), a broken line", names, fixed, force_of_line, port, argument)
 
 
 def _read(
@@ -471,7 +485,8 @@ def _unnamed(
 
 
 def unnamed_law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
-    transforms = {CURVE: _transform, LINE: _gained, PULSE: _pulsated}
+    """Return a law without a name, of named coefficients; others keep their bounds."""
+    transforms = {CURVE: line_added, LINE: _gained, PULSE: _pulsated}
     return Effect(
         code=code,
         title=TITLES[code],

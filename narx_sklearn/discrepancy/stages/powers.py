@@ -10,7 +10,15 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
-from narx_sklearn.discrepancy.search.generic import HALF, ODD_POWER, POWERS, placed_powers, with_free_power
+from narx_sklearn.discrepancy.search.generic import (
+    HALF,
+    INVERSE,
+    INVERSES,
+    ODD_POWER,
+    POWERS,
+    placed_powers,
+    with_free_power,
+)
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.structure import Structure
@@ -56,15 +64,27 @@ def best_power(
 
     It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
     """
-    run = problem.run(refitted.model)
-    placed = placed_powers(problem.simulator, structure, run.x[problem.rows[problem.inside]])
+    placed = placed_powers(problem.simulator, structure, _where_it_was(problem, refitted))
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
     return found[0] if found and _is_new(found[0].effects[-1], known) else None
+
+
+def _where_it_was(problem: Problem, refitted: Fit) -> np.ndarray:
+    """Return the states (n, n_states) along a record: as measured, or else as simulated.
+
+    Without what is missing a simulation may go where the machine never was, through a wall even.
+    """
+    rows = problem.rows[problem.inside]
+    simulated = problem.run(refitted.model).x[rows]
+    measured = problem.simulator.known_states(problem.u, problem.y, rows)
+    return np.where(np.isfinite(measured), measured, simulated)
 
 
 def _is_new(power: PlacedEffect, known: Iterable[Hypothesis]) -> bool:
     """Tell whether a power is surely more than a line, and no effect at home there has it."""
     exponent, is_odd = power.theta[1], power.effect.code == ODD_POWER
+    if power.effect.code == INVERSE:  # none of the catalogue's does
+        return exponent > INVERSES[0]
     taken = [
         h.placed.effect.power.exponent
         for h in known

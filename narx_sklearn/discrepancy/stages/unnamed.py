@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.knots import drawn_again
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.products import best_product, best_storage
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
@@ -61,7 +62,8 @@ def best_unnamed(
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     product = best_product(problem, refitted, beside, structure, settings.n_jobs)
     storage = best_storage(problem, refitted, beside, structure, settings.n_jobs)
-    laws = [*(simplified(problem, curve) for curve in found[:1]), power, product, storage]
+    curve = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]]
+    laws = [*curve, power, product, storage]
     return min((law for law in laws if law is not None), key=lambda c: c.criterion, default=None)
 
 
