@@ -2,10 +2,17 @@
 
 import numpy as np
 import pytest
-from small_machines import axis_problem, friction
+from small_machines import axis_problem, friction, tank
 
+from narx_sklearn.discrepancy import ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.inference import intervals, spanning
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.search.broken_line import KNOTS, with_knots
+from narx_sklearn.discrepancy.search.generic import curve_hypotheses
+from narx_sklearn.discrepancy.search.inference import intervals, spanning, told_together
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
 
 
 class TestSpanning:
@@ -37,3 +44,24 @@ class TestSpanning:
         problem, found, _ = two
         sure = intervals(problem, found)
         np.testing.assert_array_equal(spanning(problem, sure, [], 0.9), sure)
+
+
+def test_a_rate_of_flow_is_told_only_together_with_a_line_of_the_level_that_may_have_any_slope():
+    """Though the line is nothing, and none of its values is heard by itself."""
+    about = {"dt": 0.1, "states": ["level [m]"], "inputs": ["pump [V]"]}
+    simulator = ODESimulator(tank, parameters={"gain [m/s/V]": 1.0, "outflow [1/s]": 0.5}, **about)
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(0.5, 2.0, 40), 25)[:, None]
+    y = simulator.simulate(u) + 0.01 * rng.normal(size=(1000, 1))
+    windows = cut([(slice(0, 1000), 0)], 200, 12)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
+    base = fit(problem, Model(simulator.nominal, (), y[windows.first]))
+    assert told_together(base) == []
+    run = problem.run(base.model)
+    curves = curve_hypotheses(simulator, find_structure(simulator, run.x, u), u, run.x, run.y)
+    (line,) = [c.placed for c in curves if c.placed.port.kind == "state"]
+    ends = np.linspace(run.x.min() - 0.5, run.x.max() + 0.5, KNOTS)  # nowhere is it constant
+    found = fit(problem, base.model._replace(effects=(with_knots(line, ends),)))
+    (together,) = told_together(found)
+    assert together[0] == 1  # the outflow, and not the gain
+    assert set(together) & set(range(2, 2 + KNOTS))

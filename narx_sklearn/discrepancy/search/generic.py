@@ -41,8 +41,20 @@ PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unnamed_inverse_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
-OF_ONE, OF_TWO = (CURVE, ODD_POWER, EVEN_POWER, INVERSE), (PRODUCT, WITH_SQUARE, STORED, STORED_BY_SQUARE)
-UNNAMED = (*OF_ONE, *OF_TWO, SURFACE, DRIVEN, LINE, PULSE)
+UNNAMED = (
+    CURVE,
+    SURFACE,
+    DRIVEN,
+    LINE,
+    PULSE,
+    PRODUCT,
+    WITH_SQUARE,
+    ODD_POWER,
+    EVEN_POWER,
+    INVERSE,
+    STORED,
+    STORED_BY_SQUARE,
+)
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
     DAMPED: "a damping that the catalogue does not hold",

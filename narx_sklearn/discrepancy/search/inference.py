@@ -78,7 +78,7 @@ def spanning(problem: Problem, sure: np.ndarray, others: Iterable[Fit], level: f
     spanned, n_own = sure.copy(), len(problem.simulator.parameters)
     for other in others:
         rows = intervals(problem, other, level)[:n_own]
-        lost = [k for group in told_together(untold(other)) for k in group if k < n_own]
+        lost = [k for group in told_together(other) for k in group if k < n_own]
         told = np.isfinite(rows).all(axis=1)
         told[lost] = False
         own = spanned[:n_own]  # a view
@@ -197,7 +197,7 @@ def lost_together(problem: Problem, fit: Fit, own: slice) -> list[int]:
 
     Counted from the effect's first; none where all are told, or only one is not.
     """
-    for group in told_together(untold(fit)):  # which the covariance leaves out
+    for group in told_together(fit):  # which the covariance leaves out
         if group[0] >= own.start and group[-1] < own.stop:
             return [index - own.start for index in group]
     q = fit.model.q[own]
@@ -219,9 +219,32 @@ def _felt_alone(fit: Fit) -> np.ndarray:
     return np.linalg.norm(flat, axis=0) * (np.abs(fit.steps) / SMALL)
 
 
-def told_together(directions: np.ndarray) -> list[list[int]]:
-    """Return groups of parameters that move together along `untold` directions."""
-    joint = np.abs(directions.T @ directions) > TAKES_PART
+def _left_out(fit: Fit) -> np.ndarray:
+    """Return the directions that a covariance leaves out, (n, n_q), orthonormal in what each parameter does.
+
+    Among them are those of parameters that are nothing by themselves and may be anything beside others, as a
+    value of a broken line is where it crosses zero.
+    """
+    flat = fit.jacobian.reshape(-1, fit.model.q.size)
+    size = np.linalg.norm(flat, axis=0)
+    moved = np.flatnonzero(size)
+    directions = np.zeros((0, size.size))
+    if moved.size:
+        values, vectors = np.linalg.eigh((flat[:, moved] / size[moved]).T @ (flat[:, moved] / size[moved]))
+        silent = values < ALIKE * values.max()
+        directions = np.zeros((int(silent.sum()), size.size))
+        directions[:, moved] = vectors[:, silent].T
+    return directions
+
+
+def told_together(fit: Fit) -> list[list[int]]:
+    """Return groups of parameters of which only what they do together is told.
+
+    They take part in a direction that nobody notices by what they do along it, or by how much they change.
+    """
+    joint = np.zeros((fit.model.q.size,) * 2, dtype=bool)
+    for directions in (untold(fit), _left_out(fit)):
+        joint |= np.abs(directions.T @ directions) > TAKES_PART
     _, group = connected_components(joint, directed=False)
     found = (np.flatnonzero((group == g) & np.diag(joint)).tolist() for g in np.unique(group))
     return [members for members in found if len(members) > 1]

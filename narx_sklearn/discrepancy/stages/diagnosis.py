@@ -128,10 +128,10 @@ class Diagnosis:
         """Directions in which parameters may move together and nothing is noticed, (n, n_q)."""
         return untold(self.best.fit)
 
-    @property
+    @cached_property
     def told_together(self) -> list[list[int]]:
         """Groups of parameters of which only what they do together is told."""
-        return told_together(self.untold)
+        return told_together(self.best.fit)
 
     @property
     def not_excluded(self) -> list[Candidate]:
