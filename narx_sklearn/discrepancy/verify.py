@@ -9,6 +9,7 @@ import pandas as pd
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
+from narx_sklearn.discrepancy.fitting.sides import from_other_sides
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
@@ -88,16 +89,20 @@ def initial_state(
     fewest = 2 * (int(simulator.free_states.sum()) + 1)
     quarter = min(start + max((stop - start) // 4, fewest), stop)
 
-    def fitted(state: np.ndarray, upto: int) -> Fit:
+    def fitted(state: np.ndarray, upto: int) -> tuple[Problem, Fit]:
         windows, x0 = _led(lead, start, upto, began, state)
         unseen = y[began:upto].copy()
         unseen[: start - began] = np.nan
-        return fit_initial_states(Problem(simulator, u[began:upto], unseen, windows, noise), x0)
+        problem = Problem(simulator, u[began:upto], unseen, windows, noise)
+        return problem, fit_initial_states(problem, x0)
 
-    at_once = fitted(np.where(np.isfinite(known), known, guess), stop)
+    problem, at_once = fitted(np.where(np.isfinite(known), known, guess), stop)
     # a run that begins wrong may be lost before the end
-    begun = fitted(fitted(at_once.model.x0[-1], quarter).model.x0[-1], stop)
-    return min(at_once, begun, key=lambda found: found.cost).model.x0[-1]
+    _, early = fitted(at_once.model.x0[-1], quarter)
+    _, begun = fitted(early.model.x0[-1], stop)
+    found = min(at_once, begun, key=lambda fit: fit.cost)
+    # nothing tells how much of what so few samples keep is noise
+    return from_other_sides(problem, found, tolerated=0.0).model.x0[-1]
 
 
 def free_run(
@@ -333,7 +338,8 @@ def _initial_states_fitted(
     y = problem.y.copy()
     for a, b in zip(led.first[leads], led.last[leads], strict=True):
         y[a:b] = np.nan
-    found = fit_initial_states(replace(problem, simulator=simulator, y=y, windows=led), all_x0)
+    own = replace(problem, simulator=simulator, y=y, windows=led)
+    found = from_other_sides(own, fit_initial_states(own, all_x0))
     left = found.residual[~leads]
     return found.model.x0[~leads], left if np.isfinite(found.cost) else np.full_like(left, np.inf)
 
