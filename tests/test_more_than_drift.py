@@ -15,8 +15,10 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search import confirm
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import Trial, more_than_drift
+from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
+from narx_sklearn.discrepancy.stages.refuted import left_that_follows
 from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.report import render_report
 
@@ -180,6 +182,53 @@ class TestOffsetThatDidNotStay:
         assert dx.verdict_ in ("explained", "ambiguous")
         assert dx.findings_[0].effect == "additive_drift"
         assert "sensor_bias" not in dx.findings_[0].lookalikes
+
+
+def hardening(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - 10.0 * x[0] - x[0] ** 3
+
+
+def wandering(equations, walk, seed=0, n=1500):
+    """Return an input, and what a stage with such equations makes of it beside a random walk of a share."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.normal(0.0, 3.0, n // 15), 15)[:, None]
+    y = make_axis(1.1, 0.7, equations).simulate(u)
+    course = np.cumsum(rng.normal(size=n)) / np.sqrt(n / 2)
+    return u, y + np.std(y) * (0.02 * rng.normal(size=n) + walk * course)[:, None]
+
+
+class TestLeftBesideADrift:
+    """A course in time excuses itself; what follows a signal is no course, however much larger that is."""
+
+    def left(self, equations):
+        settings = SimpleNamespace(alpha_nameless=0.000625, random_state=0)  # of a second look
+        u, y = wandering(equations, walk=0.0)
+        y += np.linspace(0.0, 3.0 * np.std(y), len(y))[:, None]
+        windows = cut([(slice(0, len(u)), 0)], 300, 12)
+        problem = Problem(make_stage(), u, y, windows, Noise.white(np.array([0.02 * np.std(y)])))
+        start = Model(problem.simulator.nominal, (RAMP,), np.zeros((windows.count, 2)))
+        drift = Candidate(fit(problem, start), problem.n_seen)
+        run = problem.run(drift.fit.model)
+        structure = find_structure(problem.simulator, run.x, u)
+        return left_that_follows(problem, drift, structure, settings)
+
+    def test_a_ramp_leaves_nothing_that_follows(self):
+        assert self.left(stage) == ()
+
+    def test_a_spring_that_hardens_is_no_ramp(self):
+        (sign,) = self.left(hardening)
+        assert sign.kind == "follows"
+        assert "position" in sign.words or "velocity" in sign.words
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("equations", "told"), [(stage, "additive_drift"), (hardening, "unknown")])
+def test_noise_that_wanders_excuses_no_spring_that_hardens(equations, told):
+    u, y = wandering(equations, walk=0.1)
+    asked = {"effects": ["additive_drift", "sensor_bias"], "random_state": 0}
+    dx = DiscrepancyRegressor(make_stage(), **asked).fit(u, y)
+    assert (dx.verdict_ == "unknown") == (told == "unknown")
+    assert dx.findings_[0].effect == told
 
 
 @pytest.mark.long

@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     LeftByForm,
     is_refuted,
     left_by_form,
+    left_that_follows,
     left_that_is_no_noise,
     leftover_of,
     may_be_drift,
@@ -81,8 +82,9 @@ def _judged(
     alternatives = _alternatives(problem, best, pool, tolerated, starts, refitted.cost)
     unnamed = best_unnamed(problem, refitted, best, structure, settings, searched.hypotheses)
     named = "ambiguous" if any(alternatives) else "explained"
-    if may_be_drift(problem.noise, best, alternatives):  # its course is as it may be
-        return Judgement(named, best, alternatives, unnamed)
+    if may_be_drift(problem.noise, best, alternatives):  # its course is as it may be, and that is all of it
+        signs = left_that_follows(problem, best, structure, settings)
+        return Judgement("unknown" if signs else named, best, alternatives, unnamed, against_noise=signs)
     if needs_wrong_parameters(problem, refitted, best, unnamed, structure, settings):
         assert unnamed is not None
         return Judgement("unknown", unnamed, ((),) * len(unnamed.effects), unnamed, stand_in=True)

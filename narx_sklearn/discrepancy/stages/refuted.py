@@ -26,6 +26,7 @@ from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves
 
 BENT = 0.01  # share of what could be explained that effects which act together may leave: no more is form
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
+FOLLOWING = ("follows", "pulse")  # kinds of signs that no course in time gives
 OUTDONE = 0.5  # share that bursts hold which hold more than all the names explain
 
 
@@ -206,6 +207,18 @@ def left_that_is_no_noise(
         return signs
     forms = own_forms()
     return much_left(forms) if forms else signs
+
+
+def left_that_follows(
+    problem: Problem, best: Candidate, structure: Structure, settings: Settings
+) -> tuple[Sign, ...]:
+    """Return the signs that what drifts leaves follows a signal, or a wave times one.
+
+    A drift goes where it will, and excuses that course alone: what else is left must be noise, however little
+    it is beside the course.
+    """
+    remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state)
+    return tuple(sign for sign in remainder.speaking(settings.alpha_nameless) if sign.kind in FOLLOWING)
 
 
 def may_be_drift(noise: Noise, best: Candidate, alternatives) -> bool:

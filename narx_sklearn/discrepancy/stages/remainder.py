@@ -42,6 +42,9 @@ FEWEST_BURSTS = 8  # of one length that the record must have room for
 LOUD = 4.0  # standard deviations above the mean: stretches that are told
 MOST_TOLD = 5  # bursts
 MEDIAN = 0.6745  # of the size of a normal variate
+MORE_DRAWS = (
+    20_000  # of signs, where none of the first does as much: else no sign could speak in a second look
+)
 HILL = 2  # ordinates of a spectrum to either side that are of one level
 NEAR = range(2, 7)  # ordinates from a line: near enough for one level, far enough from its foot
 SHARED = 0.5  # of what is left on two outputs, below which it is a disturbance like any
@@ -210,8 +213,14 @@ def _largest(products: list[np.ndarray], spreads: list[np.ndarray], rng) -> tupl
     own = np.sqrt(np.einsum("bj,bj->j", by_block, by_block))
     own[own == 0] = np.inf
     t = np.abs(by_block.sum(axis=0)) / np.maximum(own, spread)
-    above = np.count_nonzero(flipped_maxima(by_block / own, DRAWS, rng) >= t.max() * (1 - 1e-9))
-    return (1.0 + above) / (1.0 + DRAWS), int(np.argmax(t)), float(t.max())
+    above, draws = 0, 0
+    for draws_more in (DRAWS, MORE_DRAWS):
+        largest = flipped_maxima(by_block / own, draws_more, rng)
+        above += int(np.count_nonzero(largest >= t.max() * (1 - 1e-9)))
+        draws += draws_more
+        if above:
+            break
+    return (1.0 + above) / (1.0 + draws), int(np.argmax(t)), float(t.max())
 
 
 def spectral_spread(columns: np.ndarray, e: np.ndarray, n_outputs: int) -> np.ndarray:
