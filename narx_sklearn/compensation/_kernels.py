@@ -146,6 +146,13 @@ def unpack_state(integers, state):
     )
 
 
+@njit(nogil=True, inline="always")
+def _copy(values, written):
+    """Copy a vector; a slice that is assigned has numba compile the wording of its error too, for seconds."""
+    for i in range(values.size):
+        written[i] = values[i]
+
+
 @njit(cache=True, nogil=True)
 def element_value(kind, parameters, now, previous, state):
     """Return an element (a phi regressor, or Bouc-Wen hysteresis) at one sample; ``state`` is written."""
@@ -185,7 +192,7 @@ def _residual(functions, law, state, m):
     _call(functions, state.window, base)
     for p in range(law.kinds.size):
         if law.of[p] == OF_INPUT:
-            state.trial[:] = state.elements[p]
+            _copy(state.elements[p], state.trial)
             previous = state.window[base - law.n_channels + law.sources[p]]
             state.window[base + law.channels[p]] = element_value(
                 law.kinds[p], law.parameters[p], m, previous, state.trial
@@ -279,7 +286,7 @@ def _search(functions, law, state, previous):
 @njit(nogil=True, inline="always")
 def _coefficients(window, base, program, first, degree, flip, c):
     """Write the coefficients in the move, times ``flip`` for each power; return the highest that is not 0."""
-    highest = 0
+    highest = np.int64(0)  # a literal 0 has a type of its own, for which all that takes it is compiled too
     factor = 1.0
     for power in range(degree + 1):
         c[power] = factor * right_hand_side(window, base, program, first + power)
@@ -448,10 +455,10 @@ def _slopes_along(functions, integers, numbers, unlimited, state, known, step, e
     n_past = slopes.shape[1]
     for k in range(known.shape[0]):
         n_trials = 2 * n_past if k % every == 0 and k // every < slopes.shape[0] else 0
-        spare[:] = state
+        _copy(state, spare)
         # two trials for each past input, then the sample itself: one call, which the compiler pastes in once
         for trial in range(n_trials + 1):
-            state[:] = spare
+            _copy(spare, state)
             side = step if trial % 2 == 0 else -step
             if trial < n_trials:
                 _move_past_input(functions, law, parts, trial // 2, side)

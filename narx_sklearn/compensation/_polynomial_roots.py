@@ -146,7 +146,8 @@ def critical_points(c, degree, start, end, chain, work):
     int
         Number of cuts: start, turning points in ascending order, end.
     """
-    chain[0, : degree + 1] = c[: degree + 1]
+    for i in range(degree + 1):  # a slice that is assigned compiles the wording of its error too, for seconds
+        chain[0, i] = c[i]
     for level in range(1, degree):
         for i in range(degree - level + 1):
             chain[level, i] = (i + 1) * chain[level - 1, i + 1]
@@ -170,7 +171,8 @@ def critical_points(c, degree, start, end, chain, work):
     while level > 1:
         level -= 1
         n = _next_cuts(chain, level, degree, work[0], n, work[1])
-        work[0, :n] = work[1, :n]
+        for i in range(n):
+            work[0, i] = work[1, i]
     return n
 
 
