@@ -1,6 +1,9 @@
 """Settings of the whole test suite."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -24,6 +27,21 @@ def pytest_cmdline_main(config):
     if is_whole and can_spread and config.option.numprocesses is None:
         config.option.numprocesses, config.option.dist = cpu_count(), "loadfile"
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each worker: together they have all cores already
+
+
+def pytest_sessionstart(session):
+    """Compile what takes longest side by side, before workers begin together and each compiles all of it."""
+    if session.config.pluginmanager.hasplugin("dsession"):
+        compile_ahead("simulator", "compensator")
+
+
+def compile_ahead(*names):
+    """Run parts of a script at the same time."""
+    script = Path(__file__).with_name("compiled_ahead.py")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    running = [subprocess.Popen([sys.executable, script, name], env=environment) for name in names]
+    for process in running:
+        process.wait()
 
 
 @pytest.fixture(scope="session", autouse=True)
