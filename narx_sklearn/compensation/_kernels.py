@@ -291,7 +291,7 @@ def _coefficients(window, base, program, first, degree, flip, c):
     for power in range(degree + 1):
         c[power] = factor * right_hand_side(window, base, program, first + power)
         if c[power] != 0.0:
-            highest = power
+            highest = np.int64(power)
         factor *= flip
     return highest
 
