@@ -544,3 +544,23 @@ def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share
     )
     odds = np.exp(0.5 * (max(HARDLY + share * price - price, 0.0) / COARSE + RULED))
     assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
+
+
+@pytest.mark.parametrize(("code", "theta", "enough"), [("lag", (0.5,), True), ("creep", (0.4, 1.0), False)])
+def test_a_lag_is_an_edge_of_a_mode_and_three_lags_over_a_decade_are_none(code, theta, enough):
+    """A mode that is clearly likelier, with one number more, by next to nothing of what either explains."""
+    problem, start = axis_problem()
+    base = fit(problem, start)
+
+    def leaving(more, code, theta):
+        effect = PlacedEffect(CATALOGUE[code], Port("output", 0), theta=theta)
+        model = base.model._replace(effects=(effect,))
+        jacobian = np.zeros((*base.residual.shape, model.q.size))
+        cost = base.cost * np.exp(more / problem.n_seen)
+        return Candidate(base._replace(cost=cost, model=model, jacobian=jacobian), problem.n_seen)
+
+    mode = leaving(0.0, "extra_mode", (0.4, 1.0, 1.2))
+    other = leaving(3 * HARDLY, code, theta)
+    assert other.criterion > mode.criterion + 2 * HARDLY
+    assert other.n_values < mode.n_values
+    assert likeliest([mode, other], unexplained=1e3 * base.cost) is (other if enough else mode)

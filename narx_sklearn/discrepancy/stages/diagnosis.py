@@ -14,13 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step, by_weight
 from narx_sklearn.discrepancy.search.generic import UNNAMED
-from narx_sklearn.discrepancy.search.inference import (
-    intervals,
-    parameters_moved,
-    spanning,
-    told_together,
-    untold,
-)
+from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
@@ -119,8 +113,7 @@ class Diagnosis:
         """
         model = self.best.fit.model
         if self.unforeseen is None:
-            sure = intervals(self.problem, self.best.fit, level)
-            return spanning(self.problem, sure, [c.fit for c in self.not_excluded], level)
+            return spanning(self.problem, self.best.fit, [c.fit for c in self.not_excluded], level)
         return self.unforeseen.intervals(model.q, all_bounds(self.problem, model), level)
 
     @cached_property
