@@ -79,7 +79,19 @@ def cubic():
 def short():
     """A fit in a second, for what does not depend on how much there is to find."""
     u, y, _ = record("cubic_stiffness", n=1200)
-    return DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"]).fit(u, y), u, y
+    told = []
+    dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"], verbose=told.append).fit(u, y)
+    dx.set_params(verbose=0)
+    return dx, u, y, told
+
+
+@pytest.fixture(scope="module")
+def again(short):
+    """The same fitted twice more by one estimator: to a frame with other columns too, and then to arrays."""
+    _, u, y, _ = short
+    dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
+    frame = pd.DataFrame({"temperature [K]": 300.0, "drive [V]": u, "pump": 0 * u})
+    return copy(dx.fit(frame, y)), dx.fit(u, y)
 
 
 class TestVerdicts:
@@ -280,7 +292,7 @@ class TestPrediction:
 
 class TestInScikitLearn:
     def test_a_fit_that_fails_leaves_nothing_half_done(self, short):
-        _, u, y = short
+        _, u, y, _ = short
         dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
         with pytest.raises(ValueError, match="No output of y moves"):
             dx.fit(u, np.zeros(len(y)))
@@ -288,24 +300,18 @@ class TestInScikitLearn:
             dx.predict(u)
         assert not [name for name in vars(dx) if name.endswith("_")]
 
-    def test_names_of_columns_are_those_of_the_last_fit_and_of_inputs(self, short):
-        _, u, y = short
-        dx = DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"])
-        frame = pd.DataFrame({"pressure": u, "drive [V]": u, "pump": 0 * u})
-        dx.fit(frame, y)
-        assert (dx.n_features_in_, dx.feature_names_in_.tolist()) == (1, ["drive [V]"])
-        dx.fit(u, y)
-        assert not hasattr(dx, "feature_names_in_")
+    def test_names_of_columns_are_those_of_the_last_fit_and_of_inputs(self, again):
+        of_frame, of_arrays = again
+        assert (of_frame.n_features_in_, of_frame.feature_names_in_.tolist()) == (1, ["drive [V]"])
+        assert not hasattr(of_arrays, "feature_names_in_")
 
     def test_a_function_is_told_of_each_stage(self, short):
-        _, u, y = short
-        told = []
-        DiscrepancyRegressor(nominal(), effects=["cubic_stiffness"], verbose=told.append).fit(u, y)
+        *_, told = short
         assert told[0] == "check of the record"
         assert told[-1] == "location"
 
     def test_scores_are_finite_whatever_the_record(self, short):
-        dx, u, y = short
+        dx, u, y, _ = short
         still = np.zeros(400)
         assert dx.score(still, still) == 1.0  # met exactly, as scikit-learn has it
         assert dx.score(still, still + np.linspace(0, 1e-3, 400)) < 0
@@ -320,16 +326,13 @@ class TestInScikitLearn:
         np.testing.assert_array_equal(again.predict(u), dx.predict(u))
         assert clone(dx).get_params()["effects"] == SOME
 
-    def test_the_same_record_gives_the_same_diagnosis(self, short):
-        dx, u, y = short
-        again = clone(dx).fit(u, y)
-        assert again.report_ == dx.report_
+    def test_the_same_record_gives_the_same_diagnosis(self, short, again):
+        _, of_arrays = again
+        assert of_arrays.report_ == short[0].report_
 
-    def test_dataframes_are_read_by_name(self, short):
-        dx, u, y = short
-        frame = pd.DataFrame({"temperature [K]": 300.0, "drive [V]": u})
-        again = clone(dx).fit(frame, y)
-        assert again.findings_ == dx.findings_
+    def test_dataframes_are_read_by_name(self, short, again):
+        of_frame, _ = again
+        assert of_frame.findings_ == short[0].findings_
 
     def test_cross_validation_judges_the_augmented_free_run(self):
         u, y, _ = record("cubic_stiffness", n=1500)
@@ -337,7 +340,7 @@ class TestInScikitLearn:
         assert cross_val_score(dx, u, y, cv=TimeSeriesSplit(2)).min() > 0.99
 
     def test_read_only_non_contiguous_and_single_precision_arrays_are_taken(self, short):
-        dx, u, y = short
+        dx, u, y, _ = short
         wide = np.asfortranarray(np.column_stack([u, u]))[:, :1]
         wide.flags.writeable = False
         again = clone(dx).fit(wide, y.astype(np.float32))
