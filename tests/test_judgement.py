@@ -128,6 +128,7 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
 @pytest.mark.parametrize(
     ("left", "unnamed", "said"),
     [
+        (Leftover(1e-4, 5.0, of_form=True), None, (0.0, 0.0, 0.0)),  # little, and quiet
         # all explained 900, noise 100; a further 25 of these would be 1 / 37 of 925, over 1 / 20 or 1 / 10
         (Leftover(1e-4, 25.0, of_form=True), None, (25 / 925, np.sqrt(25 / 75), 20 * 25 / 925)),
         (Leftover(1e-4, 25.0), None, (25 / 925, np.sqrt(25 / 75), 10 * 25 / 925)),
@@ -146,6 +147,16 @@ def test_what_a_name_leaves_is_told_as_a_share_in_noise_and_as_doubt(left, unnam
     law = None if unnamed is None else Candidate(base._replace(cost=unnamed), 100)
     found = left_by_form(base._replace(cost=1000.0), best, law, left)
     assert found == pytest.approx(LeftByForm(*said))
+
+
+@pytest.mark.parametrize(("gain", "told"), [(49.0, False), (51.0, True)])
+def test_a_small_share_that_is_louder_than_the_noise_is_told(gain, told):
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+    best = Candidate(base._replace(cost=100.0), 100)
+    assert gain < 0.006 * 9900
+    left = left_by_form(base._replace(cost=1e4), best, None, Leftover(1e-4, gain))
+    assert bool(left.share) == told
 
 
 @pytest.mark.parametrize(("better", "refuted"), [(8.0, False), (12.0, True)])

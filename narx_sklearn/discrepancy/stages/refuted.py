@@ -26,6 +26,7 @@ from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves
 
 BENT = 0.01  # share of what could be explained that effects which act together may leave: no more is form
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
+AS_LOUD = 1.0  # noise deviations, root mean square: what is louder shows in a plot
 FOLLOWING = ("follows", "pulse")  # kinds of signs that no course in time gives
 OUTDONE = 0.5  # share that bursts hold which hold more than all the names explain
 
@@ -54,7 +55,10 @@ NOTHING_SEEN = LeftByForm()
 
 
 def left_by_form(refitted: Fit, best: Candidate, unnamed: Candidate | None, leftover: Leftover) -> LeftByForm:
-    """Return what names that stand visibly leave to further curves, or to what has no name."""
+    """Return what names that stand visibly leave to further curves, or to what has no name.
+
+    What is little beside the names and no louder than the noise is a matter of their form.
+    """
     unit = best.fit.cost / best.n_samples
     told = []  # gain, and the share that would refute the names
     if leftover.p_value <= SUSPECT and leftover.gain > 0:
@@ -67,6 +71,8 @@ def left_by_form(refitted: Fit, best: Candidate, unnamed: Candidate | None, left
             continue
         share = gain / (refitted.cost - best.fit.cost + gain)
         deviations = np.sqrt(gain / (best.fit.cost - gain))
+        if share <= BENT and deviations <= AS_LOUD:
+            continue
         found = max(found, LeftByForm(share, float(deviations), min(share / limit, 1.0)), key=_doubt)
     return found
 
