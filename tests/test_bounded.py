@@ -47,6 +47,7 @@ def fitted(simulator, u, y):
     return problem, fit(problem, Model(simulator.nominal, (), np.zeros((windows.count, 2))))
 
 
+@pytest.mark.long
 def test_a_bound_that_excludes_the_truth_is_told_and_no_physics_is_named():
     u, y = recorded()
     dx = DiscrepancyRegressor(bounded(4.2), effects=["coulomb_friction", "creep"]).fit(u, y)

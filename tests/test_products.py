@@ -178,7 +178,8 @@ def test_a_law_that_no_test_has_asked_for_pays_for_all_that_were_tried():
     assert not by_itself.is_little
 
 
-@pytest.mark.parametrize("alone", [pytest.param(True, marks=pytest.mark.long), False])
+@pytest.mark.long
+@pytest.mark.parametrize("alone", [True, False])
 def test_a_law_that_is_most_of_what_is_missing_is_told_with_what_it_leaves(monkeypatch, alone):
     """The fall of the force is most of it; the voltage that falls too is the second law, if any is sought."""
     problem, refitted, structure = recorded_coil(fall=0.002)
