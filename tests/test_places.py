@@ -46,6 +46,29 @@ class TestPlaces:
                 placed = placements(effect, simulator, self.structure_of(simulator))
                 assert [p.odd for p in placed] == [odd]
 
+    def test_a_machine_may_have_more_outputs_than_states_beside_two_drives(self):
+        """A drift of the second output has no second signal; there is no second equation to ask for one."""
+
+        def heated(x, u, p):
+            return (p[0] * u[0] * u[0] - p[1] * (x[0] - u[1]),)
+
+        simulator = ODESimulator(
+            heated,
+            dt=1.0,
+            parameters={"a": 1.0, "b": 0.1},
+            states=["temperature [degC]"],
+            inputs=["current [A]", "air [degC]"],
+            outputs=["voltage [V]", "temperature [degC]"],
+            output=lambda x, u, p: (u[0] * p[0], x[0]),
+        )
+        u = np.column_stack([levels(np.random.default_rng(0), 300), np.linspace(15.0, 25.0, 300)])
+        x = simulator.run(u, Windows.whole([slice(0, 300)]), np.full((1, 1), 20.0)).x
+        placed = placements(CATALOGUE["additive_drift"], simulator, find_structure(simulator, x, u))
+        assert [(p.port, p.second) for p in placed if p.port.kind == "output"] == [
+            (Port("output", 0), ()),
+            (Port("output", 1), ()),
+        ]
+
     @pytest.mark.parametrize(
         ("charge", "temperature", "odd"),
         [("charge", "cell", False), ("charge", "cell [degC]", True), ("charge [m/s]", "cell [degC]", False)],

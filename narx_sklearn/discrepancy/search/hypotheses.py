@@ -244,7 +244,7 @@ def _others(placed: PlacedEffect, structure: Structure) -> list[int]:
         return channels.tolist()
     if placed.port.kind == "input":
         return list(range(structure.inputs.shape[1]))
-    if placed.effect.argument == "none":
+    if placed.port.kind == "state" and placed.effect.argument == "none":
         return np.flatnonzero(~structure.inputs[placed.port.index]).tolist()
     return channels.tolist()
 
