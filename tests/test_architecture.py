@@ -44,6 +44,7 @@ COMPILE_USERS_FUNCTIONS = {
     Path("discrepancy/simulators/equations.py"),
     Path("discrepancy/simulators/kernels.py"),
     Path("discrepancy/simulators/tables.py"),
+    Path("discrepancy/simulators/varied.py"),
 }
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 

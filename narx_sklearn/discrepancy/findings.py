@@ -7,6 +7,7 @@ from itertools import compress
 
 import numpy as np
 
+from narx_sklearn.discrepancy.dependence import dependence_in_words
 from narx_sklearn.discrepancy.fitting.acting import (
     correction,
     correction_name,
@@ -27,6 +28,7 @@ from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
 from narx_sklearn.model.units import in_seconds, tidy_unit
+from narx_sklearn.physics.effects import PARAMETER
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 NOTHING = 1e-3  # of the most that an effect adds
@@ -68,7 +70,8 @@ def make_findings(
             Finding(
                 effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
                 title=placed.effect.title,
-                sentence=" ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
+                sentence=dependence_in_words(placed, rows, simulator)
+                or " ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
                 equation=placed.effect.equation,
                 port=str(placed.port),
                 place=place_in_words(placed, simulator),
@@ -372,6 +375,8 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
     words = port_in_words(placed.port, simulator)
+    if placed.port.kind == PARAMETER:
+        return f"{words}, with {placed.second_name}"
     if placed.through >= 0:
         return f"beside the input {simulator.inputs[placed.through].name}"
     if placed.reacts and placed.theta and not placed.theta[-1]:

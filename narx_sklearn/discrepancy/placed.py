@@ -41,7 +41,7 @@ ALWAYS = Span()
 class Port(NamedTuple):
     """Where something enters a simulator."""
 
-    kind: str  # "input", "state" or "output"
+    kind: str  # "input", "state" or "output", or "parameter"
     index: int  # type: ignore[assignment]  # counted from zero
 
     def __str__(self) -> str:

@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.fitting.acting import (
 )
 from narx_sklearn.discrepancy.locate import force_curve, latent_force, tangent
 from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.physics.effects import PARAMETER
 from narx_sklearn.report._runs import Material
 
 MOST_POINTS = 2500  # of the cloud
@@ -81,7 +82,7 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
         needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
-        signal = material.u if placed.port.kind == "input" else run.y
+        signal = {"input": material.u, "output": run.y, PARAMETER: material.p}[placed.port.kind]
         at, fitted = signal_change(placed, signal, material.u, run.x, windows, rows, simulator.dt)
         argument, fitted = (values[_thinned(rows)][acts[_thinned(rows)]] for values in (at, fitted))
     rows, at, sure = rows[acts], at[acts], None if sure is None else sure[acts]

@@ -6,7 +6,9 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
 from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
 from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
+from narx_sklearn.discrepancy.simulators.varied import compiled_factor
 from narx_sklearn.model.units import rate_of, tidy_unit
+from narx_sklearn.physics.effects import PARAMETER
 
 
 def state_forces(
@@ -109,9 +111,16 @@ def signal_change(
     rows: np.ndarray,
     dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what an effect at an input or output port depends on there, and what it adds to the signal."""
-    signal = signals[rows, placed.port.index]
+    """Return what an effect at an input or output depends on there, and what it adds to the signal.
+
+    At a parameter its values stand in the signals' place, (n_parameters,).
+    """
     second = placed.second_of(u[rows], x[rows])
+    if placed.port.kind == PARAMETER and second is not None:
+        factor, theta = compiled_factor(placed.effect.factor), np.array(placed.theta)
+        more = np.array([factor(value, theta) for value in second]) - 1.0
+        return second, signals[placed.port.index] * np.where(acts_along(placed, windows, rows, dt), more, 0.0)
+    signal = signals[rows, placed.port.index]
     begin = np.searchsorted(rows, windows.first[windows.fresh])
     changed = placed.effect.transform(signal, second, dt, np.array(placed.theta), begin)
     added = np.where(acts_along(placed, windows, rows, dt), changed - signal, 0.0)
@@ -142,7 +151,10 @@ def correction(
         argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[chosen])[index]
         return rows[chosen], argument, added
     others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
-    signals = problem.u if placed.port.kind == "input" else problem.run(others).y
+    if placed.port.kind == PARAMETER:
+        signals = model.p
+    else:
+        signals = problem.u if placed.port.kind == "input" else problem.run(others).y
     argument, added = signal_change(placed, signals, problem.u, run.x, problem.windows, rows, simulator.dt)
     return rows[chosen], argument[chosen], added[chosen]
 
@@ -185,6 +197,8 @@ def _signal(port: Port, simulator: Simulator) -> Signal:
 
 
 def port_in_words(port: Port, simulator: Simulator) -> str:
-    """Return where a port is: "in the equation of velocity", "on the input drive"."""
+    """Return where a port is: "in the equation of velocity", "on the input drive", "in the parameter R0"."""
     name = _signal(port, simulator).name
-    return f"in the equation of {name}" if port.kind == "state" else f"on the {port.kind} {name}"
+    if port.kind == "state":
+        return f"in the equation of {name}"
+    return f"in the parameter {name}" if port.kind == PARAMETER else f"on the {port.kind} {name}"

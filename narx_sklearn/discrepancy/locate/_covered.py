@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES
+from narx_sklearn.physics.effects import PARAMETER
 
 DIFFUSE = 1e4  # variance of a free initial deviation over what the residual could ask of it
 SEARCH_SAMPLES = 2000  # windows with about this many samples settle the two variances
@@ -84,7 +85,9 @@ class Entrance(NamedTuple):
     def at_port(cls, linear: Tangent, covered: Covered, port: Port, scale: np.ndarray) -> "Entrance":
         """Return the entrance of what is added at a port."""
         n_states, n_inputs, n_outputs = linear.A.shape[2], linear.B.shape[2], linear.C.shape[1]
-        sizes = {"input": n_inputs, "state": n_states, "output": n_outputs}
+        of_parameters = None if linear.P is None or linear.Q is None else (linear.P, linear.Q)
+        n_parameters = 0 if of_parameters is None else of_parameters[0].shape[2]
+        sizes = {"input": n_inputs, "state": n_states, "output": n_outputs, PARAMETER: n_parameters}
         if port.kind not in sizes or not 0 <= port.index < sizes[port.kind]:
             raise ValueError(
                 f"port {port} does not exist: the simulator has {n_inputs} inputs, {n_states} state "
@@ -98,6 +101,12 @@ class Entrance(NamedTuple):
             found.g[:] = linear.G[covered.samples, :, port.index]
             if linear.F is not None:
                 found.d[:] = linear.F[covered.samples, :, port.index] / scale
+        elif of_parameters is not None and port.kind == PARAMETER:
+            P, Q = of_parameters
+            found.g[:], found.d[:] = (
+                P[covered.samples, :, port.index],
+                Q[covered.samples, :, port.index] / scale,
+            )
         else:
             found.d[:, port.index] = 1.0 / scale[port.index]
         return found

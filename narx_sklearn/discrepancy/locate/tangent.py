@@ -10,7 +10,7 @@ from numba import njit
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.kernels import MAX_EFFECTS
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows, transformed
-from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
+from narx_sklearn.physics.effects import PARAMETER, Effect, EffectParameter, no_start
 
 RELATIVE_STEP = 1e-5  # near the cube root of the rounding unit, best for central differences
 BLOCK = 1 << 15  # samples perturbed in one call, so that memory does not grow with the record
@@ -19,7 +19,8 @@ BLOCK = 1 << 15  # samples perturbed in one call, so that memory does not grow w
 class Tangent(NamedTuple):
     """Tangent-linear model of a simulator along one run, sample by sample; NaN where the run has none.
 
-    dx[k+1] = A[k] dx[k] + B[k] du[k] + G[k] w[k] + P[k] dp,   dy[k] = C[k] dx[k] + D[k] du[k] + F[k] w[k]
+    dx[k+1] = A[k] dx[k] + B[k] du[k] + G[k] w[k] + P[k] dp
+    dy[k]   = C[k] dx[k] + D[k] du[k] + F[k] w[k] + Q[k] dp
 
     Attributes
     ----------
@@ -37,6 +38,8 @@ class Tangent(NamedTuple):
         A change of a parameter.
     F : ndarray of shape (n_samples, n_outputs, n_states), optional
         What the outputs show of a disturbance at once; None where they see no rates.
+    Q : ndarray of shape (n_samples, n_outputs, n_parameters), optional
+        What they show of a change of a parameter at once.
     """
 
     A: np.ndarray
@@ -46,6 +49,7 @@ class Tangent(NamedTuple):
     D: np.ndarray
     P: np.ndarray | None = None
     F: np.ndarray | None = None
+    Q: np.ndarray | None = None
 
 
 def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=None) -> Tangent:
@@ -94,13 +98,13 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     driven = transformed(
         u, "input", simulator.effects, np.ones(len(simulator.effects)), None, simulator.dt, windows
     )
-    lasting = [e for e in simulator.effects if e.port.kind == "state" and e.effect.memoryless]
+    lasting = [e for e in simulator.effects if e.port.kind in ("state", PARAMETER) and e.effect.memoryless]
     sensors = [e for e in simulator.effects if e.port.kind == "output"]
     raw = np.full((u.shape[0], n_outputs), np.nan)  # outputs before the effects on them
     steps_x, steps_u = _steps(run.x), _steps(driven)
     n = u.shape[0]
     A, B, G, P = (np.full((n, n_states, width), np.nan) for width in (n_states, n_inputs, n_states, p.size))
-    C, D, F = (np.full((n, n_outputs, width), np.nan) for width in (n_states, n_inputs, n_states))
+    C, D, F, Q = (np.full((n, n_outputs, width), np.nan) for width in (n_states, n_inputs, n_states, p.size))
     seam = np.zeros(n, dtype=bool)
     seam[windows.last - 1] = True
     began = np.zeros(n, dtype=np.int64)
@@ -123,18 +127,18 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
             B[rows, :, i], D[rows, :, i] = stepper.slope(x, x, at_rest, steps_u[i], move)
         for j in range(p.size):
             change = RELATIVE_STEP * (abs(p[j]) if p[j] != 0 else 1.0)
-            high, low = (
-                stepper.step(x, at_rest, p=p + sign * change * np.eye(p.size)[j])[0] for sign in (1, -1)
+            (x_high, y_high), (x_low, y_low) = (
+                stepper.step(x, at_rest, p=p + sign * change * np.eye(p.size)[j]) for sign in (1, -1)
             )
-            P[rows, :, j] = (high - low) / (2 * change)
+            P[rows, :, j], Q[rows, :, j] = (x_high - x_low) / (2 * change), (y_high - y_low) / (2 * change)
     for effect, slope, of_second in _sensor_slopes(simulator, sensors, raw, driven, run.x, windows):
-        for slopes in (C, D, F):
+        for slopes in (C, D, F, Q):
             slopes[:, effect.port.index] *= slope[:, None]
         if of_second is not None:
             weights = np.array(effect.second)
             D[:, effect.port.index] += of_second[:, None] * weights[:n_inputs]
             C[:, effect.port.index] += of_second[:, None] * weights[n_inputs:]
-    return Tangent(A, B, G, C, D, P, F if simulator.sees_rates else None)
+    return Tangent(A, B, G, C, D, P, F if simulator.sees_rates else None, Q)
 
 
 def _blocks(
@@ -184,7 +188,7 @@ class _Stepper:
         if self.simulator.discrete:
             return np.eye(x.shape[1])[equation], 0.0
         # the other effects change this response at second order of the step only: make room for the constant
-        effects = effects[: MAX_EFFECTS - 1]
+        effects = [e for e in effects if e.port.kind == "state"][: MAX_EFFECTS - 1]
         unit = PlacedEffect(_CONSTANT, Port("state", equation), (0.0,) * x.shape[1])
         x_low, y_low = self.step(x, (*effects, unit.at([-size])))
         x_high, y_high = self.step(x, (*effects, unit.at([size])))

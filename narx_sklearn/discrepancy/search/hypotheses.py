@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
-from narx_sklearn.physics.effects import Effect, Setting
+from narx_sklearn.physics.effects import PARAMETER, Effect, Setting
 
 OF_CIRCUITS = {"A", "kA", "mA", "uA", "C", "V", "kV", "mV", "T", "mT", "Wb"}
 OF_MOTION = ("motion", "surfaces")
@@ -49,6 +49,44 @@ def enumerate_hypotheses(
         for effect in (*asked, *unasked)
         for placed in placements(effect, simulator, structure)
     ]
+    return _begun(places, material, n_jobs)
+
+
+def parameter_hypotheses(
+    effects: Iterable[Effect], problem: Problem, run: Run, structure: Structure, n_jobs: int | None = None
+) -> list[Hypothesis]:
+    """Return the hypotheses that a parameter of the simulator depends on one of its inputs or states."""
+    simulator = problem.simulator
+    material = _Material(simulator, problem, run, covered(problem.windows), structure)
+    places = [(placed, True) for effect in effects for placed in parameter_placements(effect, simulator)]
+    return _begun(places, material, n_jobs)
+
+
+def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
+    """Yield an effect at every parameter of a simulator that reads its parameters, with every signal.
+
+    An output may need the parameter to be known: it is no signal on which that could depend.
+    """
+    if PARAMETER not in effect.ports or not simulator.reads_parameters:
+        return
+    signals = (*simulator.inputs, *simulator.states)
+    for j in np.flatnonzero(simulator.nominal != 0).tolist():
+        for i, (name, unit) in enumerate(signals):
+            yield PlacedEffect(
+                effect,
+                Port(PARAMETER, j),
+                second=weights_of(len(signals), {i: 1.0}),
+                argument_name=name,
+                argument_unit=unit,
+                second_name=name,
+                second_unit=unit,
+            )
+
+
+def _begun(
+    places: Iterable[tuple[PlacedEffect, bool]], material: "_Material", n_jobs: int | None
+) -> list[Hypothesis]:
+    """Return the hypotheses at places, told whether they are asked for, where something lets them start."""
     found = Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(_hypothesis)(placed, material.setting(placed), is_asked) for placed, is_asked in places
     )
@@ -419,7 +457,10 @@ class _Material:
             if placed.through >= 0:  # what is added to the input is counted in its unit
                 own = own / self.structure.gain[index, placed.through]
         else:
-            argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
+            if kind == PARAMETER:
+                argument = second
+            else:
+                argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
             own, rate = argument, np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
         shows = self.innovations[:, index] if kind == "output" else self.together

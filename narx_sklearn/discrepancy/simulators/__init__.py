@@ -2,5 +2,6 @@
 A user's function is one of many ``callables``, with what is ``held`` by objects and written in ``tables``.
 
 Every simulator is a ``simulator``, which the ``kernels`` run. ``linearise``, ``structure`` and ``windows``
-ask it about itself: its slopes, what drives what, how long it remembers.
+ask it about itself: its slopes, what drives what, how long it remembers. ``varied`` lets a parameter depend
+on a signal.
 """

@@ -75,6 +75,8 @@ class ODESimulator(Simulator):
     [4.0]
     """
 
+    reads_parameters = True
+
     def __init__(
         self,
         function: Callable,

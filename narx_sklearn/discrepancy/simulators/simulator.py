@@ -22,7 +22,9 @@ from narx_sklearn.discrepancy.simulators.kernels import (
     write_values,
 )
 from narx_sklearn.discrepancy.simulators.switches import Switches
+from narx_sklearn.discrepancy.simulators.varied import varied
 from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.physics.effects import PARAMETER
 
 
 class Signal(NamedTuple):
@@ -104,6 +106,7 @@ class Simulator(ABC):
     linear_hold: bool = False
     discrete: bool = False
     sees_rates: bool = False
+    reads_parameters: bool = False  # its equations do, so that one may depend on a signal
 
     @abstractmethod
     def _equations(self) -> tuple[Any, Any]:
@@ -142,7 +145,9 @@ class Simulator(ABC):
         return np.array([(p.lower, p.upper) for p in self.parameters], dtype=float).reshape(-1, 2)
 
     def signals_at(self, kind: str) -> tuple[Signal, ...]:
-        """Return the signals at the ports of one kind, ``"input"``, ``"state"`` or ``"output"``."""
+        """Return what is at the ports of one kind: inputs, states, outputs or parameters."""
+        if kind == PARAMETER:
+            return tuple(Signal(p.name, p.unit) for p in self.parameters)
         return {"input": self.inputs, "state": self.states, "output": self.outputs}[kind]
 
     def with_parameters(self, values) -> Self:
@@ -218,8 +223,9 @@ class Simulator(ABC):
         z = np.zeros((n_samples, len(forces) * MAX_MEMORY))
         bends = any(e.port.kind == "output" and e.effect.curved is not None for e in effects)
         within = np.full((2, n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
-        equation, output = self._equations()
-        p = np.require(self._coefficients(p), dtype=float, requirements=["C", "W"])
+        acting = zip(effects, share, strict=True)
+        equation, output, p = varied(self._equations(), self._coefficients(p), acting, len(self.states))
+        p = np.require(p, dtype=float, requirements=["C", "W"])
         switches = self.switches
         is_special = self.discrete or len(switches.weights) > 0 or any(_is_special(e) for e, _ in forces)
         try:

@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
 from narx_sklearn.model.units import may_be_alike
+from narx_sklearn.physics.effects import PARAMETER
 
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
@@ -24,6 +25,7 @@ class Structure(NamedTuple):
     states: np.ndarray  # (n_states, n_states) bool: equation i depends on state j
     slope: np.ndarray  # (n_states, n_states) mean of that dependence
     inputs: np.ndarray  # (n_states, n_inputs) bool: equation i depends on input j
+    parameters: np.ndarray  # (n_states, n_parameters) bool: equation i depends on parameter j
     gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
@@ -58,9 +60,10 @@ class Structure(NamedTuple):
         return bool(self._equations(one) & self._equations(other))
 
     def _equations(self, port: Port) -> set[Port]:
-        if port.kind != "input":
+        enters = {"input": self.inputs, PARAMETER: self.parameters}.get(port.kind)
+        if enters is None:
             return {port}
-        return {Port("state", int(i)) for i in np.flatnonzero(self.inputs[:, port.index])}
+        return {Port("state", int(i)) for i in np.flatnonzero(enters[:, port.index])}
 
 
 @np.errstate(over="ignore", invalid="ignore")  # along a run that is about to be lost
@@ -94,6 +97,9 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
     depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
     driven = (np.abs(Ju) * u_size).max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
+    of_parameters = np.zeros((n, p.size), dtype=bool)
+    if len(Jp):
+        of_parameters[:] = np.abs(Jp).max(axis=0) > 0
     tuned = np.abs(Jp).max(axis=(0, 2), initial=0.0) > 0
     spread = np.ptp(Jx, axis=0) <= ALIKE * np.abs(Jx).max(axis=0, initial=0.0)
     slopes = Jx.mean(axis=0) if len(Jx) else np.zeros((n, n))
@@ -123,7 +129,7 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    return Structure(tuple(partner), kinematic, depends, slopes, driven, gain, varies, read)
+    return Structure(tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read)
 
 
 def _is_relative(i: int, sources: np.ndarray, of_states, of_inputs, simulator: Simulator) -> bool:

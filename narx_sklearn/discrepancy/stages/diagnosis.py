@@ -59,6 +59,7 @@ from narx_sklearn.discrepancy.stages.unnamed import (
     best_unnamed,
     held_where_seen,
 )
+from narx_sklearn.discrepancy.stages.varying import parameter_that_varies
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
@@ -232,6 +233,8 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     p_missing = searched.p_value
     if searched.steps and (found is None or not found.best.effects):
         searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
+    if found is not None and (varying := parameter_that_varies(searched, found, structure, settings)):
+        searched, found = varying
     if searched.steps:
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched

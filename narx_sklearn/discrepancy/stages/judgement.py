@@ -57,19 +57,19 @@ def judge(searched: Searched, structure: Structure, settings: Settings) -> Judge
     settings.tell("rivals and unnamed curves")
     best = named_set(searched, pool, structure, settings)
     named = named_by_reach(problem, best, pool, refitted.cost, settings.n_jobs)
-    found = _judged(searched, named, pool, structure, settings)
+    found = judged(searched, named, pool, structure, settings)
     if found.verdict == "unknown" and named is not best:
-        found = _judged(searched, best, pool, structure, settings)
+        found = judged(searched, best, pool, structure, settings)
     singles = [c for c in pool if len(c.effects) == 1 and c.effects[0].effect.code != DRIFT]
     if found.verdict == "unknown" and len(best.effects) > 1 and singles and not found.stand_in:
         # what goes with it has no name; the effect that explains most may have one (a drift goes anywhere)
         single = converged(problem, likeliest(singles, refitted.cost), settings.n_jobs)
-        alone = _judged(searched, single, pool, structure, settings)
+        alone = judged(searched, single, pool, structure, settings)
         return alone if alone.verdict != "unknown" else found
     return found
 
 
-def _judged(
+def judged(
     searched: Searched, best: Candidate, pool: list[Candidate], structure: Structure, settings: Settings
 ) -> Judgement:
     """Hold a set of effects against what it leaves, its rivals and the best curve without a name."""
@@ -94,7 +94,7 @@ def _judged(
         ]
         if as_likely:  # another name does what this power does
             rival = converged(problem, likeliest(as_likely, refitted.cost), settings.n_jobs)
-            return _judged(searched, rival, pool, structure, settings)
+            return judged(searched, rival, pool, structure, settings)
         nearest = min((c for c in (unnamed, other) if c is not None), key=lambda c: c.criterion)
         return Judgement("unknown", best, alternatives, nearest, stand_in=True)
     forms = cache(partial(own_forms, problem, best, structure, settings.n_jobs))  # asked for once, if at all

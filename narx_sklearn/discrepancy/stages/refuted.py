@@ -27,6 +27,7 @@ from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves
 BENT = 0.01  # share of what could be explained that effects which act together may leave: no more is form
 BY_CHANCE = 10.0  # noise variances that the best curve takes off pure noise
 AS_LOUD = 1.0  # noise deviations, root mean square: what is louder shows in a plot
+BEFORE_DATA = 2 * np.log((1 - OUTSIDE) / OUTSIDE)  # twice the logarithm of the odds of a name, before any
 FOLLOWING = ("follows", "pulse")  # kinds of signs that no course in time gives
 OUTDONE = 0.5  # share that bursts hold which hold more than all the names explain
 
@@ -178,8 +179,7 @@ def needs_wrong_parameters(
 
 def is_likelier(unnamed: Candidate, best: Candidate) -> bool:
     """Tell whether what has no name is the likelier explanation, though names were before any data."""
-    before = 2 * np.log((1 - OUTSIDE) / OUTSIDE)
-    return unnamed.criterion < best.criterion - HARDLY - before
+    return unnamed.criterion < best.criterion - HARDLY - BEFORE_DATA
 
 
 def left_that_is_no_noise(

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 PORTS = ("input", "state", "output")  # as a signal goes through a machine
+PARAMETER = "parameter"  # of the simulator: where it stands in the equations, there it is another one
 ARGUMENTS = ("none", "own", "position", "any")
 MET_ON = ("anything", "motion", "surfaces", "levels")
 SECONDS = (None, "input", "channel", "drive", "feed")
@@ -107,6 +108,9 @@ class Effect:
         The same for an input that is held from sample to sample, where it then changes between samples:
         ``held(signal, dt, theta, first) -> (mean, rise)``, its mean over each step, and by how much the
         straight line closest to it rises.
+    factor : callable, optional
+        For a parameter of the simulator: ``factor(second, theta) -> float``, by which it is multiplied
+        wherever it stands in the equations and outputs; compiled by numba.
     curved : callable, optional
         The same for an output that is known in the middle and at the end of each step too, where it may jump:
         ``curved(signal, middle, end, dt, theta, first) -> (signal, middle, end)``, of a parabola a step.
@@ -222,6 +226,7 @@ class Effect:
     transform: Any = None
     held: Any = None
     curved: Any = None
+    factor: Any = None
     input_port: bool = True
     output_port: bool = True
     argument: str = "own"
@@ -261,15 +266,9 @@ class Effect:
     def ports(self) -> tuple[str, ...]:
         """Kinds of port at which it can act."""
         at_signal = self.transform is not None
-        return tuple(
-            kind
-            for kind, can in zip(
-                PORTS,
-                (at_signal and self.input_port, self.force is not None, at_signal and self.output_port),
-                strict=True,
-            )
-            if can
-        )
+        acts = (at_signal and self.input_port, self.force is not None, at_signal and self.output_port)
+        kinds = zip((*PORTS, PARAMETER), (*acts, self.factor is not None), strict=True)
+        return tuple(kind for kind, can in kinds if can)
 
     @property
     def memoryless(self) -> bool:

@@ -24,6 +24,7 @@ from narx_sklearn.physics.effects._friction import FRICTION
 from narx_sklearn.physics.effects._hysteresis import HYSTERESIS
 from narx_sklearn.physics.effects._limits import LIMITS
 from narx_sklearn.physics.effects._loads import LOADS
+from narx_sklearn.physics.effects._parameters import PARAMETERS
 from narx_sklearn.physics.effects._sensor import SENSOR
 from narx_sklearn.physics.effects._stiffness import STIFFNESS
 
@@ -45,7 +46,7 @@ def _closed(effects: tuple[Effect, ...]) -> dict[str, Effect]:
 
 
 CATALOGUE: dict[str, Effect] = _closed(
-    (*FRICTION, *CLEARANCE, *LIMITS, *STIFFNESS, *HYSTERESIS, *LOADS, *DRIFT, *DYNAMICS, *SENSOR)
+    (*FRICTION, *CLEARANCE, *LIMITS, *STIFFNESS, *HYSTERESIS, *LOADS, *DRIFT, *DYNAMICS, *SENSOR, *PARAMETERS)
 )
 """The effects that a diagnosis tries, by code."""
 
@@ -180,13 +181,14 @@ def _check_fields(effect: Effect) -> None:
     for name in ("title", "sentence", "equation"):
         if not isinstance(getattr(effect, name), str) or not getattr(effect, name).strip():
             refuse(f"{name} must be a text that is not empty, got {getattr(effect, name)!r}.")
-    if effect.force is None and effect.transform is None:
+    if effect.force is None and effect.transform is None and effect.factor is None:
         refuse(
-            "it needs a force (to act at a state equation) or a transform (at an input or output), or both."
+            "it needs a force (to act at a state equation), a transform (at an input or output) or a factor "
+            "(of a parameter)."
         )
     if not effect.ports:
         refuse("it can act nowhere: input_port and output_port are both off and there is no force.")
-    for name in ("force", "transform", "held", "curved", "phi", "limits", "acts_in", "scan"):
+    for name in ("force", "transform", "held", "curved", "factor", "phi", "limits", "acts_in", "scan"):
         if getattr(effect, name) is not None and not callable(getattr(effect, name)):
             refuse(f"{name} must be callable, got {type(getattr(effect, name)).__name__}.")
     if not callable(effect.starts):
@@ -263,6 +265,8 @@ def _check_trial(effect: Effect) -> None:
         _try_force(effect, theta)
     if effect.transform is not None:
         _try_on_signal(effect, "transform", lambda signal, at: _transformed(effect, signal, at, theta))
+    if effect.factor is not None:
+        _try_factor(effect, theta)
     if effect.held is not None:
         _try_on_signal(effect, "held", lambda signal, at: _held(effect, signal, at, theta))
     if effect.curved is not None:
@@ -322,6 +326,12 @@ def _try_on_signal(effect: Effect, name: str, call) -> None:
             )
     if not np.array_equal(signal, setting.argument):
         raise ValueError(f"Effect {effect.code!r}: {name} changed its signal; return a new array.")
+
+
+def _try_factor(effect: Effect, theta: np.ndarray) -> None:
+    value = _tried(effect, "factor", lambda: effect.factor(0.5, theta.copy()))
+    if not np.isscalar(value) or not np.isfinite(value):
+        raise ValueError(f"Effect {effect.code!r}: factor returned {value!r}; wanted is one finite number.")
 
 
 def _try_force(effect: Effect, theta: np.ndarray) -> None:

@@ -1,0 +1,47 @@
+"""How a parameter of the simulation depends on a signal, in words."""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+
+VARYING = "varying_parameter"
+NO_UNIT = ("", "-", "1")
+
+
+def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simulator) -> str:
+    """Return how a parameter depends on a signal, as a sentence; empty for what is of another kind.
+
+    Parameters
+    ----------
+    sure : ndarray of shape (2, 2)
+        Confidence intervals of the change per unit of the signal, and of where that is counted from.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy import ODESimulator
+    >>> from narx_sklearn.discrepancy.dependence import dependence_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> cell = ODESimulator(lambda x, u, p: (-p[0] * u[0],), dt=1.0, parameters={"R0 [ohm]": 0.06},
+    ...                     states=["v [V]"], inputs=["current [A]", "temperature [degC]"])
+    >>> warmer = PlacedEffect(CATALOGUE["varying_parameter"], Port("parameter", 0), second=(0.0, 1.0, 0.0),
+    ...                       theta=(-0.012, 25.0), second_name="temperature", second_unit="degC")
+    >>> dependence_in_words(warmer, np.array([[-0.0125, -0.0115], [25.0, 25.0]]), cell)
+    'The parameter R0 depends on temperature: it falls by 1.2 % per degC (1.15 to 1.25 %) about 25 degC.'
+    """
+    if placed.effect.code != VARYING:
+        return ""
+    change, reference = placed.theta
+    sizes = np.sort(100 * np.sign(change) * np.array(sure[0]))
+    name, unit = placed.second_name, placed.second_unit
+    per, about = unit, f"{reference:.4g} {unit}"
+    if unit in NO_UNIT:
+        per, about = f"unit of {name}", f"{reference:.4g}"
+    low, high = (f"{size:.4g}" for size in sizes)
+    parameter, moves = simulator.parameters[placed.port.index].name, "rises" if change > 0 else "falls"
+    return (
+        f"The parameter {parameter} depends on {name}: it {moves} by {100 * abs(change):.4g} % per {per} "
+        f"({low} to {high} %) about {about}."
+    )

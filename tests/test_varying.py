@@ -1,0 +1,291 @@
+"""Parameters of a simulator that depend on a signal: run, tangent, fit, and when they are told."""
+
+import pickle
+
+import numpy as np
+import pytest
+from small_machines import diagnosed_oscillator
+
+from narx_sklearn.discrepancy import CallableSimulator, DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.acting import correction
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.locate import tangent
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.bank import effect_column
+from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses, parameter_placements
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.displays import EffectCurveDisplay
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.physics.effects import (
+    CATALOGUE,
+    Effect,
+    EffectParameter,
+    no_start,
+    register_effect,
+    unregister_effect,
+)
+from narx_sklearn.report import render_report
+
+VARYING = CATALOGUE["varying_parameter"]
+DT = 1.0
+FALL, ABOUT = -0.015, 25.0  # of the resistance, 1/degC
+
+
+def cell(x, u, p):
+    """Warm a cell by the current through its resistance, and cool it by the air."""
+    return ((u[0] * u[0] * p[0] - p[1] * (x[0] - u[1])) / p[2],)
+
+
+def measured(x, u, p):
+    return 3.7 - u[0] * p[0], x[0]
+
+
+def make_cell(resistance=0.05, equations=cell):
+    return ODESimulator(
+        equations,
+        dt=DT,
+        parameters={"R0 [ohm]": resistance, "h [W/K]": 0.1, "C [J/K]": 12.0},
+        states=["temperature [degC]"],
+        inputs=["current [A]", "air [degC]"],
+        outputs=["voltage [V]", "temperature [degC]"],
+        output=measured,
+    )
+
+
+def warming(theta=(FALL, ABOUT), parameter=0, signal=2):
+    weights = tuple(float(i == signal) for i in range(3))
+    limits = (-np.inf, np.inf), (theta[1], theta[1])  # where it is counted from is no matter of a fit
+    return PlacedEffect(VARYING, Port("parameter", parameter), second=weights, theta=theta, limits=limits)
+
+
+def driven(rng, n):
+    air = 25.0 + 12.0 * np.sin(2 * np.pi * np.arange(n) / n + rng.uniform(0, 6))
+    return np.column_stack([np.repeat(rng.uniform(-8, 8, n // 20), 20), air])
+
+
+def recorded(rng, fall=FALL, n=1200, finer=20):
+    """Step the cell by Euler's method, far finer than it is measured."""
+    u = driven(rng, n)
+    temperature, y = u[0, 1], np.empty((n, 2))
+    for k, (current, air) in enumerate(u):
+        y[k] = 3.7 - current * 0.05 * (1 + fall * (temperature - ABOUT)), temperature
+        for _ in range(finer):
+            resistance = 0.05 * (1 + fall * (temperature - ABOUT))
+            heat = current**2 * resistance - 0.1 * (temperature - air)
+            temperature += DT / finer * heat / 12.0
+    return u, y + rng.normal(size=y.shape) * [0.002, 0.05]
+
+
+def problem_of(simulator, u, y, sigma=(0.002, 0.05)):
+    windows = cut([(slice(0, len(u)), 0)], 100, 1)
+    return Problem(simulator, u, y, windows, Noise.white(np.array(sigma)))
+
+
+# -- the run ------------------------------------------------------------------------------------------------
+
+
+def written_out(x, u, p):
+    r = p[0] * (1 - 0.015 * (x[0] - 25.0))
+    return ((u[0] * u[0] * r - p[1] * (x[0] - u[1])) / p[2],)
+
+
+class Slow:
+    """The same as an object that keeps its rates, which no compiler takes."""
+
+    def __call__(self, x, u, p):
+        self.rates = list(cell(x, u, p))
+        return self.rates
+
+
+def test_equations_and_outputs_read_the_parameter_as_it_is_at_the_moment():
+    u, start = driven(np.random.default_rng(0), 60), np.array([[18.0]])
+    whole = Windows.whole([slice(0, 60)])
+    run = make_cell().run(u, whole, start, effects=[warming()])
+    by_hand = make_cell(equations=written_out).run(u, whole, start)
+    np.testing.assert_array_equal(run.x, by_hand.x)
+    resistance = 0.05 * (1 + FALL * (by_hand.x[:, 0] - ABOUT))
+    np.testing.assert_allclose(run.y[:, 0], 3.7 - u[:, 0] * resistance, rtol=1e-14)
+
+
+def test_a_simulator_that_runs_as_python_varies_as_well():
+    u, whole = driven(np.random.default_rng(0), 20), Windows.whole([slice(0, 20)])
+    slow = make_cell(equations=Slow())
+    with pytest.warns(NarxWarning, match="Slow could not be compiled"):
+        run = slow.run(u, whole, np.array([[18.0]]), effects=[warming()])
+    fast = make_cell().run(u, whole, np.array([[18.0]]), effects=[warming()])
+    np.testing.assert_allclose(run.x, fast.x, rtol=1e-14)
+
+
+def test_two_effects_on_two_parameters_act_beside_each_other_and_by_their_strength():
+    u, whole = driven(np.random.default_rng(0), 20), Windows.whole([slice(0, 20)])
+    cooled = warming((0.5, 25.0), parameter=1, signal=1)
+    run = make_cell().run(u, whole, np.array([[18.0]]), effects=[warming(), cooled], strength=[1.0, 0.02])
+    weaker = warming((0.01, 25.0), parameter=1, signal=1)
+    same = make_cell().run(u, whole, np.array([[18.0]]), effects=[weaker, warming()])
+    np.testing.assert_allclose(run.x, same.x, rtol=1e-13)
+    assert np.ptp(run.x - make_cell().run(u, whole, np.array([[18.0]]), effects=[warming()]).x) > 0.1
+
+
+def test_the_tangent_is_the_slope_by_the_parameter_times_the_signal():
+    """x' = -p x, y = p x with p (1 + a d), d = w - r: dy/da = p d x0 exp(-p t) (1 - p t) at a = 0."""
+    decay = ODESimulator(
+        lambda x, u, p: (-p[0] * x[0],),
+        dt=0.01,
+        parameters={"p [1/s]": 0.8},
+        states=["x [-]"],
+        inputs=["w [K]"],
+        outputs=["y [1/s]"],
+        output=lambda x, u, p: (p[0] * x[0],),
+    )
+    n, away = 200, 3.0
+    u, y = np.full((n, 1), 20.0 + away), np.zeros((n, 1))
+    problem = Problem(decay, u, y, Windows.whole([slice(0, n)]), Noise.white(np.ones(1)))
+    base = fit(problem, Model(decay.nominal, (), np.array([[2.0]])), iterations=0)
+    placed = PlacedEffect(VARYING, Port("parameter", 0), second=(1.0, 0.0), theta=(1e-4, 20.0))
+    column = effect_column(problem, base, problem.run(base.model), placed)[0] / 1e-4
+    t = 0.01 * np.arange(n)
+    by_hand = 0.8 * away * 2.0 * np.exp(-0.8 * t) * (1 - 0.8 * t)
+    np.testing.assert_allclose(column, by_hand, atol=1e-4 * np.abs(by_hand).max())
+
+
+def test_the_tangent_along_a_run_knows_that_a_parameter_varies_and_what_outputs_show_of_it():
+    u, whole = driven(np.random.default_rng(0), 40), Windows.whole([slice(0, 40)])
+    simulator = make_cell().with_effects([warming()])
+    run = simulator.run(u, whole, np.array([[18.0]]))
+    linear = tangent(simulator, run, u, whole)
+    inside = slice(0, 39)
+    np.testing.assert_allclose(linear.C[inside, 0, 0], -u[inside, 0] * 0.05 * FALL, rtol=1e-5, atol=1e-9)
+    factor = 1 + FALL * (run.x[inside, 0] - ABOUT)
+    np.testing.assert_allclose(linear.Q[inside, 0, 0], -u[inside, 0] * factor, rtol=1e-6, atol=1e-9)
+
+
+# -- hypotheses and the fit ---------------------------------------------------------------------------------
+
+
+def test_every_parameter_is_tried_with_every_input_and_state_counted_from_its_mean():
+    u, y = recorded(np.random.default_rng(0), n=200)
+    problem = problem_of(make_cell(), u, y)
+    model = Model(make_cell().nominal, (), y[problem.windows.first, 1:])
+    run = problem.run(model)
+    structure = find_structure(make_cell(), run.x, u)
+    found = parameter_hypotheses([VARYING], problem, run, structure)
+    assert [(h.placed.port.index, h.placed.second.index(1.0)) for h in found] == [
+        (parameter, signal) for parameter in range(3) for signal in range(3)
+    ]
+    for hypothesis, signal in zip(found[:3], (*u.T, run.x[:, 0]), strict=True):
+        placed = hypothesis.placed.at(hypothesis.starts[0])
+        assert placed.n_values == 1  # where it is counted from is given
+        np.testing.assert_allclose(placed.theta, [0.1 / signal.std(), signal.mean()], rtol=1e-9)
+
+
+def test_a_simulator_whose_parameters_nobody_reads_is_not_asked():
+    black_box = CallableSimulator(
+        lambda u, p: np.cumsum(p["gain"] * u, axis=0),
+        dt=0.1,
+        parameters={"gain": 1.0},
+        inputs=["u"],
+        outputs=["y"],
+    )
+    assert list(parameter_placements(VARYING, black_box)) == []
+    assert len(list(parameter_placements(VARYING, make_cell()))) == 9
+
+
+def test_a_fit_finds_what_a_parameter_does_in_two_equations_at_once():
+    u, y = recorded(np.random.default_rng(1))
+    simulator = make_cell(resistance=0.04)
+    problem = problem_of(simulator, u, y)
+    x0 = y[problem.windows.first, 1:]
+    found = fit(problem, Model(simulator.nominal, (warming((0.001, ABOUT)),), x0))
+    change, reference = found.model.effects[0].theta
+    J = found.jacobian[:, :, :4]  # of the simulator's own parameters and the change
+    errors = np.sqrt(np.diag(np.linalg.inv(np.einsum("wti,wtj->ij", J, J))))
+    assert reference == ABOUT
+    assert abs(change - FALL) < 3 * errors[3] < 0.05 * abs(FALL)
+    assert abs(found.model.p[0] - 0.05) < 3 * errors[0]
+    assert found.cost < 1.1 * problem.n_seen
+
+
+def test_what_is_added_to_the_parameter_is_told_along_the_run():
+    u, y = recorded(np.random.default_rng(0), n=200)
+    problem = problem_of(make_cell(), u, y)
+    model = Model(make_cell().nominal, (warming(),), y[problem.windows.first, 1:])
+    run = problem.run(model)
+    rows, argument, added = correction(problem, model, run, 0, problem.samples_of(run), 50)
+    np.testing.assert_allclose(argument, run.x[rows, 0])
+    np.testing.assert_allclose(added, 0.05 * FALL * (argument - ABOUT), rtol=1e-9)
+
+
+# -- users' own ---------------------------------------------------------------------------------------------
+
+
+def test_a_factor_of_ones_own_is_tried_when_it_is_registered():
+    def own(factor):
+        parameters = (EffectParameter("b", "1/({second})"),)
+        return Effect(
+            code="arrhenius",
+            title="t",
+            sentence="s",
+            equation="p exp(b w)",
+            parameters=parameters,
+            starts=no_start,
+            factor=factor,
+        )
+
+    register_effect(own(lambda second, theta: np.exp(theta[0] * second)))
+    assert unregister_effect("arrhenius").ports == ("parameter",)
+    with pytest.raises(ValueError, match=r"factor returned .*; wanted is one finite number"):
+        register_effect(own(lambda second, theta: np.array([second, second])))
+    with pytest.raises(ValueError, match="factor must be callable, got float"):
+        register_effect(own(1.5))
+
+
+# -- the diagnosis ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_a_resistance_that_falls_as_it_warms_is_told_and_corrected():
+    u, y = recorded(np.random.default_rng(2))
+    dx = DiscrepancyRegressor(make_cell(resistance=0.045), random_state=0).fit(u, y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "varying_parameter", "parameter:0")
+    assert finding.place == "in the parameter R0, with temperature"
+    assert finding.sentence.startswith("The parameter R0 depends on temperature: it falls by 1.")
+    low, high = finding.intervals["a"]
+    reference = finding.parameters["r"]
+    assert low < FALL / (1 + FALL * (reference - ABOUT)) < high
+    assert finding.units == {"a": "1/degC", "r": "degC"}
+    said = render_report(dx, u, y)
+    assert finding.sentence in said
+    curve = EffectCurveDisplay.from_estimator(dx)
+    change = finding.parameters["a"] * dx.simulator_.nominal[0]
+    np.testing.assert_allclose(curve.fitted, change * (curve.argument - finding.parameters["r"]), rtol=1e-6)
+    slope = np.polyfit(curve.argument, curve.needed, 1)[0]  # what the record asks for, by no form at all
+    assert abs(slope - change) < 0.2 * abs(change)
+    assert curve.force_label == "added to R0 (ohm)"
+    again = pickle.loads(pickle.dumps(dx))
+    u_new, y_new = recorded(np.random.default_rng(3), n=400)
+    predicted = again.predict(u_new)
+    assert np.std(y_new[50:, 0] - predicted[50:, 0]) < 0.0025
+
+
+@pytest.mark.long
+def test_a_constant_resistance_is_left_one():
+    u, y = recorded(np.random.default_rng(2), fall=0.0)
+    dx = DiscrepancyRegressor(make_cell(resistance=0.045), random_state=0).fit(u, y)
+    assert (dx.verdict_, dx.findings_) == ("refit", [])
+
+
+@pytest.mark.long
+def test_a_stiffness_that_grows_with_the_position_is_told_by_its_name():
+    """k (1 + a x) x is a quadratic stiffness, which the catalogue has."""
+
+    def softened(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 8.0 * x[0] ** 2
+
+    asked = ["quadratic_stiffness", "cubic_stiffness", "coulomb_friction", "varying_parameter"]
+    dx = diagnosed_oscillator(softened, asked, noise=0.02, seed=0)
+    assert (dx.verdict_, [f.effect for f in dx.findings_]) == ("explained", ["quadratic_stiffness"])
