@@ -1,11 +1,15 @@
-"""How a parameter of the simulation depends on a signal, in words."""
+"""How a parameter of the simulation depends on a signal, in words, and where that is felt most."""
 
 import numpy as np
 
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.fitting.acting import signal_change
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.locate import tangent
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.generic import VARYING
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.physics.effects import PARAMETER
 
-VARYING = "varying_parameter"
 NO_UNIT = ("", "-", "1")
 
 
@@ -23,10 +27,10 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     >>> from narx_sklearn.discrepancy import ODESimulator
     >>> from narx_sklearn.discrepancy.dependence import dependence_in_words
     >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES
     >>> cell = ODESimulator(lambda x, u, p: (-p[0] * u[0],), dt=1.0, parameters={"R0 [ohm]": 0.06},
     ...                     states=["v [V]"], inputs=["current [A]", "temperature [degC]"])
-    >>> warmer = PlacedEffect(CATALOGUE["varying_parameter"], Port("parameter", 0), second=(0.0, 1.0, 0.0),
+    >>> warmer = PlacedEffect(PARAMETER_THAT_VARIES, Port("parameter", 0), second=(0.0, 1.0, 0.0),
     ...                       theta=(-0.012, 25.0), second_name="temperature", second_unit="degC")
     >>> dependence_in_words(warmer, np.array([[-0.0125, -0.0115], [25.0, 25.0]]), cell)
     'The parameter R0 depends on temperature: it falls by 1.2 % per degC (1.15 to 1.25 %) about 25 degC.'
@@ -45,3 +49,25 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
         f"The parameter {parameter} depends on {name}: it {moves} by {100 * abs(change):.4g} % per {per} "
         f"({low} to {high} %) about {about}."
     )
+
+
+def felt_at(placed: PlacedEffect, problem: Problem, model: Model) -> Port:
+    """Return the equation or output in which an effect is felt most: its port, if that is no parameter.
+
+    What a parameter adds is compared with how much a state changes in a step, or an output over the record.
+    """
+    if placed.port.kind != PARAMETER:
+        return placed.port
+    run, rows, j = problem.run(model), problem.rows[problem.inside], placed.port.index
+    linear = tangent(problem.simulator.with_effects(model.effects), run, problem.u, problem.windows, model.p)
+    if linear.P is None or linear.Q is None:
+        return placed.port
+    _, added = signal_change(placed, model.p, problem.u, run.x, problem.windows, rows, problem.simulator.dt)
+    steps = np.diff(run.x, axis=0, append=np.nan)[rows]
+    felt = {}
+    for kind, columns, moved in (("state", linear.P, steps), ("output", linear.Q, run.y[rows])):
+        for i in range(columns.shape[1]):
+            spread = np.nanstd(moved[:, i])
+            if spread > 0:
+                felt[Port(kind, i)] = np.sqrt(np.nanmean((columns[rows, i, j] * added) ** 2)) / spread
+    return max(felt, key=lambda port: felt[port], default=placed.port)

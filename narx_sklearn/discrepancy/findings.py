@@ -7,7 +7,7 @@ from itertools import compress
 
 import numpy as np
 
-from narx_sklearn.discrepancy.dependence import dependence_in_words
+from narx_sklearn.discrepancy.dependence import dependence_in_words, felt_at
 from narx_sklearn.discrepancy.fitting.acting import (
     correction,
     correction_name,
@@ -73,7 +73,7 @@ def make_findings(
                 sentence=dependence_in_words(placed, rows, simulator)
                 or " ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
                 equation=placed.effect.equation,
-                port=str(placed.port),
+                port=str(felt_at(placed, diagnosis.problem, best.fit.model)),
                 place=place_in_words(placed, simulator),
                 argument=argument_told(placed),
                 parameters=dict(zip(names, map(float, values), strict=True)),

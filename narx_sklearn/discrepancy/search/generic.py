@@ -41,6 +41,7 @@ PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unnamed_inverse_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
+VARYING = "unnamed_dependence"  # of a parameter
 UNNAMED = (
     CURVE,
     SURFACE,
@@ -54,6 +55,7 @@ UNNAMED = (
     INVERSE,
     STORED,
     STORED_BY_SQUARE,
+    VARYING,
 )
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
@@ -69,6 +71,7 @@ TITLES = {
     STORED: "an inertia, or whatever takes up what drives this equation, that changes",
     STORED_BY_SQUARE: "an inertia, or whatever takes up what drives this equation, that changes",
     INVERSE: "an inverse power that the catalogue does not hold",
+    VARYING: "a parameter that depends on a signal",
 }
 SENTENCES = {
     DAMPED: "What is hit gives way.",
@@ -88,6 +91,8 @@ SENTENCES = {
     "cross-section, a capacity or an inductance is not constant.",
     STORED_BY_SQUARE: "What drives this equation, all of it, moves more or less as this signal goes from one "
     "point, either way: as where an inertia, a capacity or an inductance is not constant.",
+    VARYING: "What the simulation has as a constant changes with a signal, wherever it stands in the "
+    "equations.",
     INVERSE: "What acts here falls off as a power of this signal, as what acts over a distance does. Nearer "
     "to zero than this recording came it is taken to stay as it is there.",
 }

@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_nois
 from narx_sklearn.discrepancy.search.explain import once_each, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
+from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES as OWN
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
@@ -33,7 +34,9 @@ def parameter_that_varies(
     What such a parameter does enters several equations and outputs at once, where the catalogue's names enter
     one. It is asked for where something is missing already, so that it raises no alarm; it has to outdo the
     names that were found, be no noise, though all parameters with all signals were tried, and to stand where
-    a name has to.
+    a name has to. What a name at one place does about as well is a matter of that name, whatever speaks
+    against it: a loss that rises with the level itself is a square of the level. It has no name itself: why
+    the parameter changes is not said, so what is missing stays *unknown*.
     """
     problem, refitted, steps = searched
     if not steps or may_be_drift(problem.noise, found.best, found.alternatives):
@@ -59,13 +62,16 @@ def parameter_that_varies(
     searched = _under_its_noise(searched, varying, settings)
     best = next(c for c in searched.pool if c.places == varying[0].places)
     said = judged(searched, best, searched.pool, structure, settings)
-    return (searched, said) if said.verdict != "unknown" and said.best is best else None
+    if said.verdict != "explained" or said.best is not best:
+        return None
+    of_laws = ((),) * len(best.effects)
+    return searched, Judgement("unknown", best, of_laws, best) if best.effects[0].effect is OWN else said
 
 
 def _bank(searched: Searched, structure: Structure, settings: Settings) -> Bank | None:
     """Return what every parameter would do that depends on any signal; None where none can."""
     problem, refitted, _ = searched
-    effects = [effect for effect in settings.effects if PARAMETER in effect.ports]
+    effects = [OWN, *(effect for effect in settings.effects if PARAMETER in effect.ports)]
     run = problem.run(refitted.model)
     hypotheses = parameter_hypotheses(effects, problem, run, structure, settings.n_jobs)
     return make_bank(problem, refitted, hypotheses, settings.n_jobs) if hypotheses else None

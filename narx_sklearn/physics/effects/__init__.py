@@ -2,9 +2,9 @@
 
 What an entry is stands in ``_effect``; ``_registry`` gathers the entries and takes those of users. They
 stand by kind in ``_friction``, ``_clearance``, ``_limits``, ``_stiffness``, ``_hysteresis``, ``_loads``,
-``_drift``, ``_dynamics``, ``_sensor`` and ``_parameters``, and share starting values (``_starts``), runs
-along a record (``_series``), rounded corners (``_corner``), functions for NARX models (``_curves``) and how
-forces are compiled (``_kernel``).
+``_drift``, ``_dynamics`` and ``_sensor``, and share starting values (``_starts``), runs along a record
+(``_series``), rounded corners (``_corner``), functions for NARX models (``_curves``) and how forces are
+compiled (``_kernel``).
 """
 
 from narx_sklearn.physics.effects._effect import (

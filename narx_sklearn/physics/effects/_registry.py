@@ -24,7 +24,6 @@ from narx_sklearn.physics.effects._friction import FRICTION
 from narx_sklearn.physics.effects._hysteresis import HYSTERESIS
 from narx_sklearn.physics.effects._limits import LIMITS
 from narx_sklearn.physics.effects._loads import LOADS
-from narx_sklearn.physics.effects._parameters import PARAMETERS
 from narx_sklearn.physics.effects._sensor import SENSOR
 from narx_sklearn.physics.effects._stiffness import STIFFNESS
 
@@ -46,7 +45,7 @@ def _closed(effects: tuple[Effect, ...]) -> dict[str, Effect]:
 
 
 CATALOGUE: dict[str, Effect] = _closed(
-    (*FRICTION, *CLEARANCE, *LIMITS, *STIFFNESS, *HYSTERESIS, *LOADS, *DRIFT, *DYNAMICS, *SENSOR, *PARAMETERS)
+    (*FRICTION, *CLEARANCE, *LIMITS, *STIFFNESS, *HYSTERESIS, *LOADS, *DRIFT, *DYNAMICS, *SENSOR)
 )
 """The effects that a diagnosis tries, by code."""
 

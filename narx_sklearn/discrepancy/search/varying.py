@@ -1,0 +1,45 @@
+"""A parameter of the simulator that depends on a signal, wherever it stands in the equations and outputs.
+
+That a parameter does is no name: why it does is another question. So it is a law as the ``generic`` ones are.
+"""
+
+import numpy as np
+
+from narx_sklearn.discrepancy.search.generic import SENTENCES, TITLES, VARYING
+from narx_sklearn.physics.effects import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._starts import ORDINARY, grid, spread
+
+
+@kernel
+def _in_proportion(second, theta):
+    return 1.0 + theta[0] * (second - theta[1])
+
+
+def _mean(setting: Setting) -> float:
+    return float(np.nanmean(setting.argument))
+
+
+def _starts(setting: Setting) -> np.ndarray:
+    """A parameter that changes by a tenth where the signal is a standard deviation off its mean."""
+    size = spread(setting.argument)
+    return grid([ORDINARY / size], [_mean(setting)]) if size > 0 else np.empty((0, 2))
+
+
+def _limits(setting: Setting) -> np.ndarray:
+    """Count the signal from its mean: from elsewhere, the parameter itself would be another."""
+    return np.array([[-np.inf, np.inf], [_mean(setting)] * 2])
+
+
+PARAMETER_THAT_VARIES = Effect(
+    code=VARYING,
+    title=TITLES[VARYING],
+    sentence=SENTENCES[VARYING],
+    equation="p (1 + a (w - r)) in place of p, with r the mean of w",
+    parameters=(EffectParameter("a", "1/({second})"), EffectParameter("r", "{second}")),
+    starts=_starts,
+    limits=_limits,
+    factor=_in_proportion,
+    separate_by="that signal alone at several levels, with all else repeated",
+    source="Rugh and Shamma 2000, Automatica 36(10), sec. 2 (parameters that depend on a signal)",
+)
