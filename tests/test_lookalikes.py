@@ -546,7 +546,9 @@ def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share
     assert _confidence(found, 0) == pytest.approx((1 - OUTSIDE) * odds / (odds + 1))
 
 
-@pytest.mark.parametrize(("code", "theta", "enough"), [("lag", (0.5,), True), ("creep", (0.4, 1.0), False)])
+@pytest.mark.parametrize(
+    ("code", "theta", "enough"), [("lag", (0.5, 0.0, 0.0), True), ("creep", (0.4, 1.0), False)]
+)
 def test_a_lag_is_an_edge_of_a_mode_and_three_lags_over_a_decade_are_none(code, theta, enough):
     """A mode that is clearly likelier, with one number more, by next to nothing of what either explains."""
     problem, start = axis_problem()
