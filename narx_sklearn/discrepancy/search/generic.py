@@ -26,8 +26,8 @@ from narx_sklearn.discrepancy.search.hypotheses import (
     Hypothesis,
     arguments,
     beside_inputs,
+    counted_from_means,
     placed_at,
-    reference_limits,
     weights_of,
 )
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
@@ -312,14 +312,7 @@ def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
         for law, (one, other) in pairs:
             if {one.weights, other.weights} == of_one_motion:
                 continue
-            placed = placed_at(law, Port("state", i), one)
-            weights = (*[0.0] * n_inputs, *other.weights)
-            placed = replace(placed, second=weights, second_name=other.name, second_unit=other.unit)
-            values = [x @ np.array(signal.weights) for signal in (one, other)]
-            limits = (-np.inf, np.inf), *(reference_limits(signal) for signal in values)
-            start = np.array([1.0, *(signal.mean() for signal in values)])
-            begun = replace(placed, limits=limits).at((0.0, *start[1:]))
-            found.append(Hypothesis(begun, start[None], tuned=np.zeros(1, bool), tried=np.zeros(1)))
+            found.append(counted_from_means(law, i, (one, other), x, n_inputs, amplitude=1.0))
     return found
 
 

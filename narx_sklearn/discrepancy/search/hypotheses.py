@@ -1,6 +1,6 @@
 """Every effect at every place where it could act: the bank of hypotheses."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -383,6 +383,30 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
     weights, name, unit, back, ratio, _ = argument
     at = PlacedEffect(effect, port, weights, argument_name=name, argument_unit=unit)
     return at if back < 0 else replace(at, onward=back, share=ratio)
+
+
+def counted_from_means(
+    law: Effect, i: int, signals: Sequence[Argument], x: np.ndarray, n_inputs: int, amplitude: float
+) -> Hypothesis:
+    """Return a law of one or two signals in state equation ``i``, each counted from its mean at first.
+
+    The law's parameters are its amplitude and what each signal is counted from. No neighbour is pushed back.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples, n_states)
+        States of the run over which means are taken.
+    """
+    values = [x @ np.array(signal.weights) for signal in signals]
+    placed = placed_at(law, Port("state", i), signals[0]._replace(pushed_back=-1))
+    for other in signals[1:]:
+        weights = (*[0.0] * n_inputs, *other.weights)
+        placed = replace(placed, second=weights, second_name=other.name, second_unit=other.unit)
+    means = [signal.mean() for signal in values]
+    limits = (-np.inf, np.inf), *(reference_limits(signal) for signal in values)
+    begun = replace(placed, limits=limits).at((0.0, *means))
+    start = np.array([amplitude, *means])
+    return Hypothesis(begun, start[None], tuned=np.zeros(1, dtype=bool), tried=np.zeros(1))
 
 
 def _pushed_back(i: int, own: int, j: int, structure: Structure) -> tuple[int, float]:

@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.generic import STORED, STORED_BY_SQUARE, moving, unnamed_law
-from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, placed_at, reference_limits
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, counted_from_means
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import EffectParameter
@@ -55,9 +54,6 @@ def storage_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
             for code, equation, force, unit in forms:
                 law = unnamed_law(code, equation, ["a"], (EffectParameter("r", "{arg}"),), force, unit)
                 law = replace(law, amplitude=0, references=(1,), last=True)
-                placed = replace(placed_at(law, Port("state", i), argument), onward=-1)
-                placed = replace(placed, limits=((-np.inf, np.inf), reference_limits(values)))
-                begun = placed.at((0.0, values.mean()))
-                start = np.array([1.0 / np.ptp(values), values.mean()])
-                found.append(Hypothesis(begun, start[None], tuned=np.zeros(1, bool), tried=np.zeros(1)))
+                n_inputs, size = len(simulator.inputs), 1.0 / np.ptp(values)
+                found.append(counted_from_means(law, i, (argument,), x, n_inputs, size))
     return found
