@@ -1,5 +1,5 @@
 """The fit: ``refit`` fits a ``problem``, which is a simulator and a record in windows.
 
-``start`` guesses initial states, and ``sides`` looks elsewhere for those nobody measured; ``acting`` tells
-what effects add along a run.
+``start`` guesses initial states, and ``sides`` looks elsewhere for those nobody measured; ``directions`` are
+those in which parameters do something together, or nothing; ``acting`` tells what effects add along a run.
 """

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from narx_sklearn.discrepancy.fitting.directions import directions_of
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem, Projector
 from narx_sklearn.discrepancy.simulators.linearise import linearise
 from narx_sklearn.discrepancy.simulators.simulator import Run
 
 SMALL = 1e-4  # relative step of the difference quotients: above the roughness of friction, below curvature
-ALIKE = 1e-7  # squared: directions in which difference quotients cannot tell parameters apart
 ITERATIONS = 25  # at most, where nobody says how many
 NOTHING = 0.1  # of the tolerance: a step that promises less is not tried
 GIVE_UP = 12  # dampings tried in one iteration, and once more with the windows' states on their own
@@ -301,10 +301,8 @@ def _unfelt(hessian: np.ndarray) -> np.ndarray:
     Difference quotients leave such a part a slope of rounding, and nothing would hold it: masses and forces
     go anywhere together.
     """
-    size = np.sqrt(np.diag(hessian))
-    values, directions = np.linalg.eigh(hessian / np.outer(size, size))
-    silent = directions[:, values < ALIKE * values.max(initial=0.0)]
-    return (silent / size[:, None]) @ (silent.T * size)
+    found = directions_of(hessian)
+    return (found.silent / found.size[:, None]) @ (found.silent.T * found.size)
 
 
 def _windows_apart(

@@ -7,8 +7,9 @@ from functools import cached_property
 import numpy as np
 from joblib import Parallel, delayed
 
+from narx_sklearn.discrepancy.fitting.directions import ALIKE
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import ALIKE, Fit, all_bounds
+from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 

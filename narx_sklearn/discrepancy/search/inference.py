@@ -7,8 +7,9 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2, f, norm
 
+from narx_sklearn.discrepancy.fitting.directions import directions_of
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
-from narx_sklearn.discrepancy.fitting.refit import ALIKE, SMALL, Fit, all_bounds, linearised, state_scale
+from narx_sklearn.discrepancy.fitting.refit import SMALL, Fit, all_bounds, linearised, state_scale
 from narx_sklearn.discrepancy.search.bank import Bank
 from narx_sklearn.discrepancy.search.detect import block_length, blocks_of, detect
 from narx_sklearn.discrepancy.simulators.simulator import Windows
@@ -33,10 +34,8 @@ def covariance(problem: Problem, fit: Fit) -> np.ndarray:
     if n == 0:
         return np.zeros((0, 0))
     n_outputs = problem.y.shape[1]
-    flat = J.reshape(-1, n)
-    size = np.linalg.norm(flat, axis=0)
-    size[size == 0] = 1.0
-    bread = np.linalg.pinv((flat / size).T @ (flat / size), rcond=ALIKE, hermitian=True)
+    directions = directions_of(_gram(fit))
+    size, bread = np.where(directions.size > 0, directions.size, 1.0), directions.inverse
     length = block_length(r.shape[0], r.shape[1] // n_outputs)
     scores = blocks_of(J * r[:, :, None], n_outputs, length) / size
     fitted = n + problem.n_initial
@@ -180,15 +179,10 @@ def untold(fit: Fit) -> np.ndarray:
     They are orthonormal in relative changes: masses and forces, say, all larger by one factor. A parameter
     whose own change by all of itself is lost in the noise is not among them.
     """
-    flat = fit.jacobian.reshape(-1, fit.model.q.size)
-    size, felt = np.linalg.norm(flat, axis=0), _felt_alone(fit)
-    heard = felt > 1.0
-    if not heard.any():
-        return np.zeros((0, size.size))
-    flat = flat[:, heard] / size[heard]
-    values, vectors = np.linalg.eigh(flat.T @ flat)
-    silent = vectors[:, values < ALIKE * values.max()] / felt[heard][:, None]
-    directions = np.zeros((silent.shape[1], size.size))
+    felt = _felt_alone(fit)
+    heard = np.flatnonzero(felt > 1.0)
+    silent = directions_of(_gram(fit)[np.ix_(heard, heard)]).silent / felt[heard][:, None]
+    directions = np.zeros((silent.shape[1], felt.size))
     directions[:, heard] = np.linalg.qr(silent)[0].T
     return directions
 
@@ -216,8 +210,13 @@ def _felt_alone(fit: Fit) -> np.ndarray:
 
     Of one that is zero, with its ordinary size.
     """
+    return np.sqrt(np.diag(_gram(fit))) * (np.abs(fit.steps) / SMALL)
+
+
+def _gram(fit: Fit) -> np.ndarray:
+    """Return the inner products of what the global parameters do to the runs, whitened, (n_q, n_q)."""
     flat = fit.jacobian.reshape(-1, fit.model.q.size)
-    return np.linalg.norm(flat, axis=0) * (np.abs(fit.steps) / SMALL)
+    return flat.T @ flat
 
 
 def _left_out(fit: Fit) -> np.ndarray:
@@ -226,16 +225,7 @@ def _left_out(fit: Fit) -> np.ndarray:
     Among them are those of parameters that are nothing by themselves and may be anything beside others, as a
     value of a broken line is where it crosses zero.
     """
-    flat = fit.jacobian.reshape(-1, fit.model.q.size)
-    size = np.linalg.norm(flat, axis=0)
-    moved = np.flatnonzero(size)
-    directions = np.zeros((0, size.size))
-    if moved.size:
-        values, vectors = np.linalg.eigh((flat[:, moved] / size[moved]).T @ (flat[:, moved] / size[moved]))
-        silent = values < ALIKE * values.max()
-        directions = np.zeros((int(silent.sum()), size.size))
-        directions[:, moved] = vectors[:, silent].T
-    return directions
+    return directions_of(_gram(fit)).silent.T
 
 
 def told_together(fit: Fit) -> list[list[int]]:
