@@ -7,7 +7,7 @@ from itertools import compress
 
 import numpy as np
 
-from narx_sklearn.discrepancy.dependence import dependence_in_words, felt_at
+from narx_sklearn.discrepancy.dependence import dependence_in_words
 from narx_sklearn.discrepancy.fitting.acting import (
     correction,
     correction_name,
@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.fitting.acting import (
     port_in_words,
     unit_added,
 )
+from narx_sklearn.discrepancy.locate import felt_at
 from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.results import Finding

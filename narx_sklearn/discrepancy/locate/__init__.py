@@ -3,8 +3,9 @@
 ``ports`` compares the unknown signals that ``latent_force`` estimates on the ``tangent`` of a run, by their
 ``_likelihood`` over the ``_covered`` samples (kernels in ``_kalman``), and ``beside_fit`` what follows no
 signal with noise; ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
-``invariances`` (over ``_hats``) say what it is like. ``segments`` and ``events`` tell when, ``regions`` over
-``features`` where in the machine's operation, ``bands`` at which frequencies.
+``invariances`` (over ``_hats``) say what it is like. Of an effect that is known, ``felt`` says in which
+equation or output. ``segments`` and ``events`` tell when, ``regions`` over ``features`` where in the
+machine's operation, ``bands`` at which frequencies.
 """
 
 from narx_sklearn.discrepancy.locate._covered import Entry
@@ -13,6 +14,7 @@ from narx_sklearn.discrepancy.locate.beside_fit import BesideFit, Course, Refine
 from narx_sklearn.discrepancy.locate.concentrated import concentrated_force
 from narx_sklearn.discrepancy.locate.events import event_table, input_events
 from narx_sklearn.discrepancy.locate.features import features
+from narx_sklearn.discrepancy.locate.felt import felt_at
 from narx_sklearn.discrepancy.locate.force_curve import force_curve
 from narx_sklearn.discrepancy.locate.invariances import invariances
 from narx_sklearn.discrepancy.locate.latent_force import Background, LatentForce, background, latent_force
@@ -35,6 +37,7 @@ __all__ = [
     "concentrated_force",
     "event_table",
     "features",
+    "felt_at",
     "force_curve",
     "input_events",
     "inside",
