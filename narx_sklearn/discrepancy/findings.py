@@ -29,7 +29,6 @@ from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
 from narx_sklearn.discrepancy.stages.unforeseen import TO_TRY, Unforeseen
 from narx_sklearn.model.units import in_seconds, tidy_unit
-from narx_sklearn.physics.effects import PARAMETER
 
 MOST_ASKED = 2000  # samples at which it is asked what an effect adds
 NOTHING = 1e-3  # of the most that an effect adds
@@ -376,7 +375,7 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
     words = port_in_words(placed.port, simulator)
-    if placed.port.kind == PARAMETER:
+    if placed.port.is_parameter:
         return f"{words}, with {placed.second_name}"
     if placed.through >= 0:
         return f"beside the input {simulator.inputs[placed.through].name}"

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.physics.effects import Effect
+from narx_sklearn.physics.effects import PARAMETER, PORTS, Effect
 
 
 class Span(NamedTuple):
@@ -43,6 +43,23 @@ class Port(NamedTuple):
 
     kind: str  # "input", "state" or "output", or "parameter"
     index: int  # type: ignore[assignment]  # counted from zero
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether what acts there makes a parameter another one, wherever that stands in the equations."""
+        return self.kind == PARAMETER
+
+    @property
+    def turn(self) -> int:
+        """When signals pass it on their way through a machine; parameters come last."""
+        return (*PORTS, PARAMETER).index(self.kind)
+
+    def signals(self, u: np.ndarray, y: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return what an effect there changes, not being one of a state equation.
+
+        Inputs or outputs along a record, (n_samples, n_signals), or the parameters, (n_parameters,).
+        """
+        return {"input": u, "output": y, PARAMETER: p}[self.kind]
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.index}"

@@ -14,7 +14,6 @@ from narx_sklearn.discrepancy.fitting.acting import (
 )
 from narx_sklearn.discrepancy.locate import force_curve, latent_force, tangent
 from narx_sklearn.discrepancy.simulators.simulator import Windows
-from narx_sklearn.physics.effects import PARAMETER
 from narx_sklearn.report._runs import Material
 
 MOST_POINTS = 2500  # of the cloud
@@ -82,7 +81,7 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
         needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
-        signal = {"input": material.u, "output": run.y, PARAMETER: material.p}[placed.port.kind]
+        signal = placed.port.signals(material.u, run.y, material.p)
         at, fitted = signal_change(placed, signal, material.u, run.x, windows, rows, simulator.dt)
         argument, fitted = (values[_thinned(rows)][acts[_thinned(rows)]] for values in (at, fitted))
     rows, at, sure = rows[acts], at[acts], None if sure is None else sure[acts]

@@ -8,7 +8,6 @@ from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, P
 from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
 from narx_sklearn.discrepancy.simulators.varied import compiled_factor
 from narx_sklearn.model.units import rate_of, tidy_unit
-from narx_sklearn.physics.effects import PARAMETER
 
 
 def state_forces(
@@ -116,7 +115,7 @@ def signal_change(
     At a parameter its values stand in the signals' place, (n_parameters,).
     """
     second = placed.second_of(u[rows], x[rows])
-    if placed.port.kind == PARAMETER and second is not None:
+    if placed.port.is_parameter and second is not None:
         factor, theta = compiled_factor(placed.effect.factor), np.array(placed.theta)
         more = np.array([factor(value, theta) for value in second]) - 1.0
         return second, signals[placed.port.index] * np.where(acts_along(placed, windows, rows, dt), more, 0.0)
@@ -151,10 +150,8 @@ def correction(
         argument, added = state_forces(simulator, run, problem.u, problem.windows, rows[chosen])[index]
         return rows[chosen], argument, added
     others = model._replace(effects=tuple(e for i, e in enumerate(model.effects) if i != index))
-    if placed.port.kind == PARAMETER:
-        signals = model.p
-    else:
-        signals = problem.u if placed.port.kind == "input" else problem.run(others).y
+    before = problem.run(others).y if placed.port.kind == "output" else run.y
+    signals = placed.port.signals(problem.u, before, model.p)
     argument, added = signal_change(placed, signals, problem.u, run.x, problem.windows, rows, simulator.dt)
     return rows[chosen], argument[chosen], added[chosen]
 
@@ -201,4 +198,4 @@ def port_in_words(port: Port, simulator: Simulator) -> str:
     name = _signal(port, simulator).name
     if port.kind == "state":
         return f"in the equation of {name}"
-    return f"in the parameter {name}" if port.kind == PARAMETER else f"on the {port.kind} {name}"
+    return f"in the parameter {name}" if port.is_parameter else f"on the {port.kind} {name}"

@@ -10,7 +10,6 @@ from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES
-from narx_sklearn.physics.effects import PARAMETER
 
 DIFFUSE = 1e4  # variance of a free initial deviation over what the residual could ask of it
 SEARCH_SAMPLES = 2000  # windows with about this many samples settle the two variances
@@ -87,8 +86,9 @@ class Entrance(NamedTuple):
         n_states, n_inputs, n_outputs = linear.A.shape[2], linear.B.shape[2], linear.C.shape[1]
         of_parameters = None if linear.P is None or linear.Q is None else (linear.P, linear.Q)
         n_parameters = 0 if of_parameters is None else of_parameters[0].shape[2]
-        sizes = {"input": n_inputs, "state": n_states, "output": n_outputs, PARAMETER: n_parameters}
-        if port.kind not in sizes or not 0 <= port.index < sizes[port.kind]:
+        sizes = {"input": n_inputs, "state": n_states, "output": n_outputs}
+        size = n_parameters if port.is_parameter else sizes.get(port.kind, 0)
+        if not 0 <= port.index < size:
             raise ValueError(
                 f"port {port} does not exist: the simulator has {n_inputs} inputs, {n_states} state "
                 f"equations and {n_outputs} outputs, counted from zero."
@@ -101,7 +101,7 @@ class Entrance(NamedTuple):
             found.g[:] = linear.G[covered.samples, :, port.index]
             if linear.F is not None:
                 found.d[:] = linear.F[covered.samples, :, port.index] / scale
-        elif of_parameters is not None and port.kind == PARAMETER:
+        elif of_parameters is not None and port.is_parameter:
             P, Q = of_parameters
             found.g[:], found.d[:] = (
                 P[covered.samples, :, port.index],

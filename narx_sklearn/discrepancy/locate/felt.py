@@ -6,7 +6,6 @@ from narx_sklearn.discrepancy.fitting.acting import signal_change
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.locate.tangent import tangent
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.physics.effects import PARAMETER
 
 
 def felt_at(placed: PlacedEffect, problem: Problem, model: Model) -> Port:
@@ -14,7 +13,7 @@ def felt_at(placed: PlacedEffect, problem: Problem, model: Model) -> Port:
 
     What a parameter adds is compared with how much a state changes in a step, or an output over the record.
     """
-    if placed.port.kind != PARAMETER:
+    if not placed.port.is_parameter:
         return placed.port
     run, rows, j = problem.run(model), problem.rows[problem.inside], placed.port.index
     linear = tangent(problem.simulator.with_effects(model.effects), run, problem.u, problem.windows, model.p)

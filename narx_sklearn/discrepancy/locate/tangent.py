@@ -10,7 +10,7 @@ from numba import njit
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.kernels import MAX_EFFECTS
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows, transformed
-from narx_sklearn.physics.effects import PARAMETER, Effect, EffectParameter, no_start
+from narx_sklearn.physics.effects import Effect, EffectParameter, no_start
 
 RELATIVE_STEP = 1e-5  # near the cube root of the rounding unit, best for central differences
 BLOCK = 1 << 15  # samples perturbed in one call, so that memory does not grow with the record
@@ -98,7 +98,11 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
     driven = transformed(
         u, "input", simulator.effects, np.ones(len(simulator.effects)), None, simulator.dt, windows
     )
-    lasting = [e for e in simulator.effects if e.port.kind in ("state", PARAMETER) and e.effect.memoryless]
+    lasting = [
+        e
+        for e in simulator.effects
+        if (e.port.kind == "state" or e.port.is_parameter) and e.effect.memoryless
+    ]
     sensors = [e for e in simulator.effects if e.port.kind == "output"]
     raw = np.full((u.shape[0], n_outputs), np.nan)  # outputs before the effects on them
     steps_x, steps_u = _steps(run.x), _steps(driven)

@@ -11,7 +11,6 @@ from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.detect import block_length, blocks_of
 from narx_sklearn.discrepancy.search.generic import LINE
-from narx_sklearn.physics.effects import PARAMETER, PORTS
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
@@ -74,7 +73,7 @@ def _first_in_turn(chosen: Candidate, candidates: list[Candidate]) -> Candidate:
     """
 
     def turn(c: Candidate) -> int:
-        return sum((*PORTS, PARAMETER).index(effect.port.kind) for effect in c.effects)
+        return sum(effect.port.turn for effect in c.effects)
 
     codes = sorted(effect.effect.code for effect in chosen.effects)
     alike = [

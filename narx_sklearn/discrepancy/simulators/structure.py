@@ -9,7 +9,6 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
 from narx_sklearn.model.units import may_be_alike
-from narx_sklearn.physics.effects import PARAMETER
 
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
@@ -60,9 +59,9 @@ class Structure(NamedTuple):
         return bool(self._equations(one) & self._equations(other))
 
     def _equations(self, port: Port) -> set[Port]:
-        enters = {"input": self.inputs, PARAMETER: self.parameters}.get(port.kind)
-        if enters is None:
+        if port.kind in ("state", "output"):
             return {port}
+        enters = self.parameters if port.is_parameter else self.inputs
         return {Port("state", int(i)) for i in np.flatnonzero(enters[:, port.index])}
 
 

@@ -16,7 +16,6 @@ from numba import carray, njit
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulators.kernels import EQUATION
-from narx_sklearn.physics.effects import PARAMETER
 
 KEPT = 128  # wrapped equations remembered
 
@@ -36,7 +35,7 @@ def varied(
     """
     equation, output = equations
     for placed, strength in effects:
-        if placed.port.kind == PARAMETER:
+        if placed.port.is_parameter:
             factor = compiled_factor(placed.effect.factor)
             equation, output = (
                 _wrapped(inner, factor, n_states, placed.n_theta) for inner in (equation, output)
