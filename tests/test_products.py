@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import parameters_it_has
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -91,6 +92,12 @@ def test_the_forces_are_the_products(x, w, k, r, c):
 
     assert force(product) == pytest.approx(k * (x - r) * (w - c))
     assert force(square) == pytest.approx(k * (x - r) * (w - c) ** 2)
+
+
+def test_what_is_counted_from_zero_has_no_other_number_to_be_counted_from():
+    product = hypotheses(simulator(), driven(np.random.default_rng(0)))[0].placed
+    assert parameters_it_has(product).tolist() == [True, True, True]
+    assert parameters_it_has(product.with_zeros([1])).tolist() == [True, False, True]
 
 
 def test_what_does_not_move_is_in_no_pair():

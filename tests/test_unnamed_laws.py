@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from small_machines import diagnosed_oscillator, levels, make_oscillator
 
+from narx_sklearn.discrepancy.findings import parameter_names, parameters_it_has
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.search.broken_line import KNOTS, with_knots
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.generic import (
+    CURVE,
     DRIVEN,
     MONOMIALS,
     SURFACE,
@@ -129,3 +132,22 @@ def test_a_diagnosis_tells_the_law_and_keeps_the_parameters_right():
     assert strength / (x * x * v) == pytest.approx(-5.0, rel=0.2)
     np.testing.assert_allclose(dx.parameters_["augmented"], [4.0, 1.0, 20.0], rtol=0.1)
     assert "depends on position and rate as none of the known" in dx.report_
+
+
+def test_a_polynomial_has_the_terms_that_are_left_and_a_line_its_knot_at_zero_too():
+    """The knot is there by the law; the terms were held at zero on a record."""
+    simulator, u = make_oscillator(), levels(np.random.default_rng(0), 600)
+    x = np.column_stack([np.sin(np.arange(600) / 9.0), np.cos(np.arange(600) / 9.0)])
+    found = curve_hypotheses(simulator, find_structure(simulator, x, u), u, x, x[:, :1])
+    surface = next(h.placed for h in found if h.placed.effect.code == SURFACE)
+    alone = without_terms(surface, range(1, len(MONOMIALS)))
+    told = [
+        name
+        for name, is_told in zip(parameter_names(alone), parameters_it_has(alone), strict=True)
+        if is_told
+    ]
+    assert told == ["x2", "size of x", "size of v"]
+    line = next(h.placed for h in found if h.placed.effect.code == CURVE)
+    about_zero = with_knots(line, np.linspace(-1.0, 1.0, KNOTS))
+    assert 0.0 in about_zero.theta[KNOTS:]
+    assert parameters_it_has(about_zero).all()

@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
-from narx_sklearn.discrepancy.search.generic import ANYWHERE, CURVE, ENDS, UNNAMED
+from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, is_unnamed
 from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
@@ -60,7 +60,7 @@ def make_findings(
     added = list(_added(diagnosis))
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
-        there = _has(placed)
+        there = parameters_it_has(placed)
         names = list(compress(parameter_names(placed), there))
         values = list(compress(placed.theta, there))
         units = list(compress(parameter_units(placed, simulator), there))
@@ -68,7 +68,7 @@ def make_findings(
         untold = np.all(rows == domain, axis=1) & (np.ptp(domain, axis=1) > 0)
         found.append(
             Finding(
-                effect=placed.effect.code if placed.effect.code not in UNNAMED else "unknown",
+                effect="unknown" if is_unnamed(placed) else placed.effect.code,
                 title=placed.effect.title,
                 sentence=dependence_in_words(placed, rows, simulator)
                 or " ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
@@ -323,14 +323,16 @@ def _in_words(effects: Iterable[PlacedEffect], simulator: Simulator) -> str:
     return " and ".join(f"{placed.effect.title} {place_in_words(placed, simulator)}" for placed in effects)
 
 
-def _has(placed: PlacedEffect) -> np.ndarray:
-    """Tell which parameters a law has: a polynomial without a name has no coefficients of dropped terms.
+def parameters_it_has(placed: PlacedEffect) -> np.ndarray:
+    """Tell which parameters a law has: one without a name lacks those that are held at zero on a record.
 
-    Nor are the ends of what it was seen over parameters of it.
+    They are coefficients of a polynomial's dropped terms, or from where a signal is counted that is counted
+    from zero. Nor are the ends of what it was seen over parameters of it.
     """
-    if placed.effect.code not in UNNAMED or placed.effect.code == CURVE:  # a knot may be at zero
+    if not is_unnamed(placed):
         return np.ones(placed.n_theta, dtype=bool)
-    dropped = (np.ptp(placed.bounds, axis=1) == 0) & (np.array(placed.theta) == 0)
+    held = (np.ptp(placed.bounds, axis=1) == 0) & (np.ptp(placed.domain, axis=1) > 0)
+    dropped = held & (np.array(placed.theta) == 0)
     return ~(dropped | np.isin(parameter_names(placed), [name for name, _ in ENDS]))
 
 
@@ -390,7 +392,7 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
 
 def argument_told(placed: PlacedEffect) -> str:
     """Return what the equation's letters stand for: "v = velocity [m/s]"; empty where it has no letter."""
-    is_rate = placed.effect.argument == "own" and placed.effect.code not in UNNAMED
+    is_rate = placed.effect.argument == "own" and not is_unnamed(placed)
     letters = "sx" if placed.port.kind != "state" else "vxs" if is_rate else "xs"
     told = []
     if not placed.is_fed:

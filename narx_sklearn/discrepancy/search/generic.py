@@ -494,6 +494,11 @@ def _unnamed(
     return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
 
 
+def is_unnamed(placed: PlacedEffect) -> bool:
+    """Tell whether a finding of it has no name."""
+    return placed.effect.code in UNNAMED
+
+
 def unnamed_law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
     """Return a law without a name, of named coefficients; others keep their bounds."""
     transforms = {CURVE: line_added, LINE: _gained, PULSE: _pulsated}

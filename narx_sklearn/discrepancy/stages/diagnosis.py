@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step, by_weight
-from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.settings import Settings
@@ -102,7 +102,7 @@ class Diagnosis:
         """Noise that the best explanation leaves; searched was under that which names leave."""
         if self.unforeseen is not None:
             return self.unforeseen.noise
-        if not any(effect.effect.code in UNNAMED for effect in self.best.effects):
+        if not any(map(is_unnamed, self.best.effects)):
             return self.problem.noise
         return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
 

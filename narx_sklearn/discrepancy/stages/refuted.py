@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.search.bank import beside, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
 from narx_sklearn.discrepancy.search.explain import probe
-from narx_sklearn.discrepancy.search.generic import UNNAMED
+from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
@@ -99,7 +99,7 @@ def leftover_of(
     named = [h for h in hypotheses if not (h.placed.place in best.places or is_of_a_sensor(h.placed))]
     explained = beside(problem, best.fit, forms, settings.n_jobs)
     bank = make_bank(problem, explained, [*named, *curves], settings.n_jobs)
-    is_curve = np.array([bank.hypotheses[h].placed.effect.code in UNNAMED for h in bank.owner])
+    is_curve = np.array([is_unnamed(bank.hypotheses[h].placed) for h in bank.owner])
     gain = gains(bank).gain
     detection = probe(problem, best.fit, bank, settings.random_state, is_curve | (gain > 0))
     curve_gain, at = 0.0, None
