@@ -8,7 +8,7 @@ from small_machines import levels, make_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.model.dead_values import dead_in_record, dead_in_words, dead_values
+from narx_sklearn.model.dead_values import NINES, dead_in_record, dead_in_words, dead_values, known_values
 
 N = 1500
 HOLE = slice(400, 420)
@@ -29,6 +29,20 @@ def test_known_values_are_found_in_any_signal(signal, value):
     signal[HOLE] = value
     signal[900] = value
     assert np.flatnonzero(dead_values(signal)).tolist() == [*range(400, 420), 900]
+
+
+def test_nines_are_what_is_written_with_nines_alone():
+    def is_of_nines(value):
+        digits = f"{value:.10g}".replace(".", "")
+        return len(digits) >= 3 and set(digits) == {"9"}
+
+    numbers = np.concatenate(
+        [np.arange(0.0, 10000.0), np.arange(0.0, 10000.0) / 10, 10.0 ** np.arange(-5, 13)]
+    )
+    near = np.outer(NINES, [1.0, 1.0 + 1e-11, 1.0 - 1e-11, 1.0 + 1e-9, 1.0 - 1e-9, 0.1, 10.0, 100.0]).ravel()
+    for values in (numbers, near):
+        np.testing.assert_array_equal(known_values(values), np.unique([v for v in values if is_of_nines(v)]))
+        np.testing.assert_array_equal(known_values(-values), -known_values(values)[::-1])
 
 
 def test_other_values_are_found_where_they_are_repeated_in_what_is_measured(signal, moves):

@@ -12,7 +12,9 @@ SHOWN = 3  # stretches, in words
 BY_CHANCE = 0.05  # probability, below which values that come and go as inputs move do so with them
 # the ends of the integers of converters, and the largest single-precision number
 ENDS = (-(2**15), 2**15 - 1, 2**16 - 1, -(2**31), 2**31 - 1, 2**32 - 1, float(np.finfo(np.float32).max))
-FEWEST_NINES = 3
+# nines alone, at least three of them, the point behind any but the last: 999, 99.9, 9.99, 9999 and so on
+NINES = np.array(sorted((10**n - 1) / 10**k for n in range(3, 11) for k in range(n)))
+DIGITS = 5e-11  # relative, by which a number of ten digits may be rounded
 FILL = 1e30  # from which on a number is what a file is filled with, not a measurement
 
 
@@ -44,7 +46,7 @@ def dead_values(signal: np.ndarray, moves: np.ndarray | None = None) -> np.ndarr
     """
     seen = np.isfinite(signal)
     found = np.zeros(signal.size, dtype=bool)
-    known = [value for value in np.unique(signal[seen]) if _is_known(value)]
+    known = known_values(signal[seen])
     of_known = seen & np.isin(signal, known)
     for value in known:
         at = signal == value
@@ -114,11 +116,22 @@ def dead_in_words(signal: np.ndarray, dead: np.ndarray, called: str) -> str:
     )
 
 
-def _is_known(value: float) -> bool:
-    """Tell whether recorders write a value where there is none."""
-    digits = f"{abs(value):.10g}".replace(".", "")
-    nines = len(digits) >= FEWEST_NINES and set(digits) == {"9"}
-    return nines or value in ENDS or abs(value) >= FILL
+def known_values(values: np.ndarray) -> np.ndarray:
+    """Return those among finite values that recorders write where there is none, each once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.model.dead_values import known_values
+    >>> known_values(np.array([-9999.0, 99.0, 0.3, 99.9, -9999.0, 32767.0])).tolist()
+    [-9999.0, 99.9, 32767.0]
+    """
+    size = np.abs(values)
+    # a value is nines where f"{size:.10g}" without its point holds nothing else, and three of them
+    next_nines = np.searchsorted(NINES, size * (1.0 - DIGITS))
+    are_nines = NINES[np.minimum(next_nines, NINES.size - 1)] <= size * (1.0 + DIGITS)
+    are_nines &= next_nines < NINES.size
+    return np.unique(values[are_nines | np.isin(values, ENDS) | (size >= FILL)])
 
 
 def _is_far(value: float, others: np.ndarray) -> bool:
