@@ -12,7 +12,7 @@ from narx_sklearn._validation import session_slices, split_unit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._sampling import find_column, sample_evenly
 from narx_sklearn.cli._tables import Table, read_table
-from narx_sklearn.model.dead_values import dead_in_record, dead_in_words
+from narx_sklearn.model.dead_values import dead_columns, dead_in_record
 from narx_sklearn.model.times import same_period
 
 INPUT = re.compile(r"(u|input|drive|in)_?\d*$", re.IGNORECASE)
@@ -142,12 +142,8 @@ def without_dead_values(recording: Recording) -> Recording:
     """Return a recording whose dead values are missing, with a note of each column that had such."""
     u, y = (table.to_numpy(dtype=float) for table in (recording.u, recording.y))
     dead = dead_in_record(u, y)
-    notes = [
-        f"{dead_in_words(signal, at, repr(label))}: taken as missing."
-        for table, values, where in ((recording.u, u, dead.u), (recording.y, y, dead.y))
-        for label, signal, at in zip(table, values.T, where.T, strict=True)
-        if at.any()
-    ]
+    found = dead_columns(map(repr, recording.u), u, dead.u) + dead_columns(map(repr, recording.y), y, dead.y)
+    notes = [f"{column.words}: taken as missing." for column in found]
     return recording._replace(
         u=recording.u.mask(dead.u), y=recording.y.mask(dead.y), notes=(*recording.notes, *notes)
     )

@@ -1,5 +1,6 @@
 """Values that recorders write where nothing was measured: -9999, say."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +100,40 @@ def dead_in_record(u: np.ndarray, y: np.ndarray) -> Dead:
     for j, signal in enumerate(y.T):
         of_y[:, j] = dead_values(signal, moves)
     return Dead(of_u, of_y)
+
+
+class DeadColumn(NamedTuple):
+    """A signal of which some values stand for none."""
+
+    name: str
+    values: np.ndarray  # that stand for none, each once
+    samples: np.ndarray  # that hold them
+    words: str  # which samples those are, and what the others are, to begin a sentence
+
+
+def dead_columns(names: Iterable[str], signals: np.ndarray, dead: np.ndarray) -> list[DeadColumn]:
+    """Return what is to be told of each signal that holds dead values.
+
+    Parameters
+    ----------
+    names : iterable of str
+    signals, dead : ndarray of shape (n_samples, n_signals)
+        Values, and which of them stand for none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.model.dead_values import dead_columns
+    >>> u = np.array([[0.1, 0.0], [0.2, -9999.0], [0.3, 1.0]])
+    >>> (found,) = dead_columns(["drive", "wind"], u, u < -999)
+    >>> found.name, found.samples.tolist(), found.words[:35]
+    ('wind', [1], 'One sample of wind is -9999 (1), wh')
+    """
+    return [
+        DeadColumn(name, np.unique(signal[at]), np.flatnonzero(at), dead_in_words(signal, at, name))
+        for name, signal, at in zip(names, signals.T, dead.T, strict=True)
+        if at.any()
+    ]
 
 
 def dead_in_words(signal: np.ndarray, dead: np.ndarray, called: str) -> str:

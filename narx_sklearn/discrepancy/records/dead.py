@@ -9,7 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.records.checks import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.model.dead_values import dead_in_record, dead_in_words
+from narx_sklearn.model.dead_values import dead_columns, dead_in_record
 
 
 class Living(NamedTuple):
@@ -50,15 +50,13 @@ def _findings(signals: Sequence[Signal], values: np.ndarray, dead: np.ndarray) -
     return [
         DataFinding(
             "dead_values",
-            f"{dead_in_words(column, at, signal.name)}: what a recorder writes where nothing was measured. "
-            "Taken as missing.",
+            f"{found.words}: what a recorder writes where nothing was measured. Taken as missing.",
             {
-                "signal": signal.name,
-                "values": np.unique(column[at]).tolist(),
-                "count": int(at.sum()),
-                "samples": np.flatnonzero(at).tolist(),
+                "signal": found.name,
+                "values": found.values.tolist(),
+                "count": found.samples.size,
+                "samples": found.samples.tolist(),
             },
         )
-        for signal, column, at in zip(signals, values.T, dead.T, strict=True)
-        if at.any()
+        for found in dead_columns((signal.name for signal in signals), values, dead)
     ]
