@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from small_machines import levels, make_oscillator
 
+from narx_sklearn import NARXRegressor
 from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.dead_values import NINES, dead_in_record, dead_in_words, dead_values, known_values
@@ -141,3 +143,54 @@ def test_names_that_leave_more_than_the_simulation_as_it_was_given_explain_nothi
     assert replace(found, scores=scores).is_worse_than_given
     cheaper = replace(found.diagnosis, nominal=found.diagnosis.nominal._replace(cost=0.0))
     assert replace(found, diagnosis=cheaper).is_worse_than_given
+
+
+@pytest.fixture
+def table():
+    """Return a record of a first-order machine, as a table."""
+    u = np.random.default_rng(0).uniform(-1, 1, size=400)
+    y = np.zeros(400)
+    for k in range(1, 400):
+        y[k] = 0.5 * y[k - 1] + u[k - 1]
+    return pd.DataFrame({"drive [V]": u, "level [m]": y})
+
+
+FIRST_ORDER = {"output_lags": 1, "input_lags": 1, "degree": 1, "refine": False, "max_terms": None}
+
+
+def fitted(table, **how):
+    return NARXRegressor(**FIRST_ORDER, **how).fit(table[["drive [V]"]], table["level [m]"])
+
+
+def test_an_identified_record_with_dead_values_is_fitted_as_it_is_and_told_with_the_way_out(table):
+    gone = table.copy()
+    gone.loc[200:209, "level [m]"] = -9999.0
+    gone.loc[7, "drive [V]"] = 32767.0
+    with pytest.warns(NarxWarning) as told:
+        lost = fitted(gone)
+    in_output, in_input = (str(warning.message) for warning in told)
+    assert in_output.startswith("10 samples of level are -9999 (200 to 209), where all others lie between -")
+    assert in_input.startswith("One sample of drive is 32767 (7), where all others lie between -")
+    assert "replace them by NaN" in in_output
+    assert "replace it by NaN" in in_input
+    assert told[0].filename == __file__  # where it was fitted
+    low, high = lost.model_.recorded["level"][0], lost.model_.recorded["drive"][2]
+    assert (low, high) == (-9999.0, 32767.0)
+    found = fitted(gone.replace([-9999.0, 32767.0], np.nan))  # without a warning
+    assert dict(zip(found.terms_, found.coef_, strict=True)) == pytest.approx(
+        {"level[k-1]": 0.5, "drive[k-1]": 1.0}
+    )
+
+
+def test_a_batch_with_dead_values_is_told_too(table):
+    table.loc[200:209, "level [m]"] = -9999.0
+    with pytest.warns(NarxWarning, match="10 samples of level are -9999"):
+        NARXRegressor(**FIRST_ORDER).partial_fit(table[["drive [V]"]], table["level [m]"])
+
+
+def test_a_fit_takes_large_values_and_odd_numbers_for_what_they_are(table):
+    """In a register that counts to 65535, and of what goes evenly up to 9999."""
+    counts = table.assign(**{"level [m]": np.round(32767.5 + 16000 * table["level [m]"])})
+    counts.loc[0, "level [m]"] = 65535.0
+    fitted(counts)
+    fitted(table * 9999.0 / table.abs().max())

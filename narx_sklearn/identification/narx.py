@@ -12,6 +12,7 @@ from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.batches import Stream
 from narx_sklearn.identification.choosing import compress_at_origins, estimate_again, select_best
 from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.dead import warn_of_dead
 from narx_sklearn.identification.free_run_fit import Refined, reads_all_samples, refine
 from narx_sklearn.identification.hysteresis import check_continuum
 from narx_sklearn.identification.lost import warn_if_far, warn_if_lost
@@ -278,7 +279,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             If ``max_terms`` bound the size, or ``n_terms`` is more than the candidates that can be told
             apart; if ``refine="auto"`` is left out because a dask collection or files hold too many samples,
             or an index tells that rows are missing, uneven or shuffled, or of another period than
-            ``sampling_period``.
+            ``sampling_period``; or if an array or table holds values that recorders write where nothing was
+            measured (-9999, say), which are fitted as measured.
         ExcitationWarning
             If a signal is constant, or the record so short that the terms cannot be told apart.
         DivergenceWarning
@@ -303,6 +305,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         check_settings(self)
         record = open_data(self, X, y, sessions, reset=True)
         problem = pose(self, record)
+        warn_of_dead(problem, record, stacklevel=3)
         constraints = constraints_of(self.constraints, problem)
         known = about(self, problem, record, record.moments)
         choices = compress_at_origins(self, problem, constraints, record)
@@ -362,6 +365,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         before = getattr(self, "_stream", None)
         record = open_data(self, X, y, sessions, reset=before is None)
         problem = pose(self, record)
+        warn_of_dead(problem, record)
         constraints = constraints_of(self.constraints, problem)
         if before is None:
             choices = compress_at_origins(self, problem, constraints, record)

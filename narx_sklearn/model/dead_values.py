@@ -49,7 +49,7 @@ def dead_values(signal: np.ndarray, moves: np.ndarray | None = None) -> np.ndarr
     found = np.zeros(signal.size, dtype=bool)
     known = known_values(signal[seen])
     of_known = seen & np.isin(signal, known)
-    for value in known:
+    for value in known.tolist():
         at = signal == value
         found |= at & _is_far(value, signal[seen & ~of_known])
     while moves is not None:
@@ -180,9 +180,9 @@ def _repeated(at: np.ndarray, signal: np.ndarray, others: np.ndarray, moves: np.
     """Return where one value is, if far off others, repeated, and not there as inputs move; else nowhere."""
     none = np.zeros(at.size, dtype=bool)
     runs = true_runs(at)
-    if not runs or max(b - a for a, b in runs) < 2 or not _is_far(signal[runs[0][0]], others):
+    if not runs or max(b - a for a, b in runs) < 2 or not _is_far(float(signal[runs[0][0]]), others):
         return none
-    moved = np.any(np.diff(moves, axis=0, prepend=moves[:1]) != 0, axis=1)
+    moved = np.any(moves != np.concatenate([moves[:1], moves[:-1]]), axis=1)
     moved |= np.append(False, moved[:-1])  # what is driven may answer a sample later
     edges = [k for run in runs for k in run if 0 < k < at.size]
     goes_along = moved[edges].all() and moved.mean() ** len(edges) < BY_CHANCE
