@@ -10,13 +10,9 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESim
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.records.checks import (
-    DataFinding,
-    _alike_ratios,
-    _named_zero,
-    still_standing,
-    to_be_mended,
-)
+from narx_sklearn.discrepancy.records.finding import DataFinding
+from narx_sklearn.discrepancy.records.in_words import alike_ratios, named_zero
+from narx_sklearn.discrepancy.records.standing import still_standing, to_be_mended
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.model import NARXModel
@@ -421,17 +417,17 @@ def test_a_mistake_is_told_beside_missing_physics_and_not_sold_as_physics(kind, 
     ],
 )
 def test_a_factor_is_named_by_what_the_signal_is_measured_in(slope, unit, words):
-    assert _alike_ratios(slope, [unit, "V"])[0].startswith(words)
+    assert alike_ratios(slope, [unit, "V"])[0].startswith(words)
 
 
 def test_a_factor_that_is_no_change_of_units_has_no_name():
-    assert _alike_ratios(300.0, ["m"]) == []
+    assert alike_ratios(300.0, ["m"]) == []
 
 
 def test_a_change_of_units_is_none_of_another_kind_than_the_signals():
-    assert "feet" in _alike_ratios(1 / 3.1, ["m/s", "V"])[0]
-    assert _alike_ratios(1 / 3.1, ["rpm", "N m"]) == []
-    assert "feet" in _alike_ratios(1 / 3.1, ["", "N m"])[0]  # the unit of a column may be anything
+    assert "feet" in alike_ratios(1 / 3.1, ["m/s", "V"])[0]
+    assert alike_ratios(1 / 3.1, ["rpm", "N m"]) == []
+    assert "feet" in alike_ratios(1 / 3.1, ["", "N m"])[0]  # the unit of a column may be anything
 
 
 @pytest.mark.parametrize(
@@ -444,6 +440,6 @@ def test_a_change_of_units_is_none_of_another_kind_than_the_signals():
     ],
 )
 def test_scales_of_temperature_are_named(slope, offset, unit, words):
-    assert _named_zero(slope, offset, unit) == f", as {words}"
-    assert _named_zero(slope, offset, "m") == ""
-    assert _named_zero(slope, 2 * offset, unit) == ""
+    assert named_zero(slope, offset, unit) == f", as {words}"
+    assert named_zero(slope, offset, "m") == ""
+    assert named_zero(slope, 2 * offset, unit) == ""

@@ -22,7 +22,8 @@ Known to all
 
 from narx_sklearn.discrepancy.experiment import Experiment, confusability, design_input
 from narx_sklearn.discrepancy.fleet import FleetDiagnosis, diagnose_fleet, pool_estimates
-from narx_sklearn.discrepancy.records.checks import DataFinding, check_record
+from narx_sklearn.discrepancy.records.checks import check_record
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.regressor import DiscrepancyRegressor
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.simulators.ode import ODESimulator

@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from narx_sklearn.discrepancy.narrow import bounds_as_findings
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
-from narx_sklearn.discrepancy.records.checks import DataFinding, still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
+from narx_sklearn.discrepancy.records.standing import still_standing, to_be_mended
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.settings import Settings

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.stages.bounded import AtBound, at_bounds, fit_beyond

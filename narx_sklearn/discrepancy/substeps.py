@@ -8,7 +8,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.simulators.ode import ODESimulator
 from narx_sklearn.discrepancy.simulators.simulator import Simulator

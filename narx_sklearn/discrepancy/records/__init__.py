@@ -1,5 +1,6 @@
 """The record: ``record`` makes arrays of it.
 
-What is wrong with it itself is seen by ``checks`` (``mistakes`` are undone on trial), ``steps``, ``jumps``,
-``spikes`` and ``dead`` values.
+What is wrong with it itself is a ``finding``. ``checks`` sees it by ``counts``, with ``jumps``, and by
+``mistakes`` that are undone on trial and told ``in_words``; ``steps``, ``spikes`` and ``dead`` values are
+looked for apart. Which of them are ``standing`` beside the physics that was found is asked at the end.
 """

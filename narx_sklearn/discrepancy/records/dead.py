@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.dead_values import dead_columns, dead_in_record

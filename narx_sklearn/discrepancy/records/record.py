@@ -13,7 +13,7 @@ from narx_sklearn._validation import (
     session_slices,
 )
 from narx_sklearn.discrepancy.columns import read_columns, unlike_units
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES, shortest_window
 from narx_sklearn.exceptions import NarxWarning

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn._validation import true_runs
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 
 ALONE = 2  # samples of one spike, at most

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from narx_sklearn.discrepancy.records.checks import DataFinding
+from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 
 FEW = 0.3  # share of distinct values from which a signal counts as written in steps
