@@ -13,9 +13,10 @@ from narx_sklearn.discrepancy.search import confirm, explain
 from narx_sklearn.discrepancy.search.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
-from narx_sklearn.discrepancy.search.explain import by_weight, probe, refit_leaders, without_idle
+from narx_sklearn.discrepancy.search.explain import probe, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.inference import intervals
+from narx_sklearn.discrepancy.search.members import by_weight, without_idle
 from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure

@@ -15,8 +15,9 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import make_bank, moved_for
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
-from narx_sklearn.discrepancy.search.explain import Step, reordered
+from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.members import reordered
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import coloured_search
 from narx_sklearn.discrepancy.stages.swaps import special_cases, swaps

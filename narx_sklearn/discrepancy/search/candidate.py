@@ -11,6 +11,7 @@ from narx_sklearn.discrepancy.search.bank import out_of
 
 HARDLY = 4.0  # difference of the criterion, odds of seven to one, that excludes nothing
 OUTSIDE = 0.05  # chance that what is missing has no entry, before any data
+FINE = 20  # iterations that bring a set to convergence
 ODD = 6.0  # twice the logarithm of the odds against an effect at a place where one does not meet it
 
 
@@ -101,3 +102,11 @@ class Candidate:
 def odd(candidate: Candidate) -> bool:
     """Tell whether an effect of a set is met elsewhere, not at such a place."""
     return any(effect.odd for effect in candidate.effects)
+
+
+def once_each(candidates: list[Candidate]) -> list[Candidate]:
+    """Return the first candidate with each set of effects."""
+    first: dict[frozenset, Candidate] = {}
+    for candidate in candidates:
+        first.setdefault(frozenset(candidate.places), candidate)
+    return list(first.values())

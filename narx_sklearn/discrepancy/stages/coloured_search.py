@@ -11,20 +11,18 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, once_each
 from narx_sklearn.discrepancy.search.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import (
-    FINE,
     Step,
-    once_each,
     refit_leaders,
     refit_pairs,
     search,
-    without,
 )
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
+from narx_sklearn.discrepancy.search.members import without
 from narx_sklearn.discrepancy.search.ranking import leaders, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure

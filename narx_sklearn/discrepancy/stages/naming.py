@@ -10,9 +10,9 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import more_than_drift
-from narx_sklearn.discrepancy.search.explain import reordered, without, without_idle
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, is_one_law, likeliest
+from narx_sklearn.discrepancy.search.members import reordered, without, without_idle
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged

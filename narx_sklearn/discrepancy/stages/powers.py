@@ -7,9 +7,9 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
-from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
+from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
     HALF,
     INVERSE,

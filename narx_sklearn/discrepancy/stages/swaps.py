@@ -10,8 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import directions, effect_column, make_bank, moved_for, off
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.search.explain import FINE
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
 

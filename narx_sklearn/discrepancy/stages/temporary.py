@@ -14,9 +14,9 @@ from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Span
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import DRIFTS, chance_of_noise, clearer_noise, deviance, n_shapes
-from narx_sklearn.discrepancy.search.explain import FINE, IN_REACH, Step, refit_leaders
+from narx_sklearn.discrepancy.search.explain import IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
 from narx_sklearn.discrepancy.settings import Settings

@@ -7,9 +7,9 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, once_each
 from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_noise, deviance
-from narx_sklearn.discrepancy.search.explain import once_each, refit_leaders
+from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
 from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES as OWN
