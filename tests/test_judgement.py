@@ -12,12 +12,14 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.judgement import _without_its_power
+from narx_sklearn.discrepancy.stages import judgement
+from narx_sklearn.discrepancy.stages.coloured_search import Searched
+from narx_sklearn.discrepancy.stages.judgement import _without_its_power, at_home_instead, judged
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
 from narx_sklearn.discrepancy.stages.refuted import (
     LeftByForm,
@@ -94,6 +96,62 @@ class TestOddPlaces:
         cost = best.fit.cost + share * (base.cost - best.fit.cost)
         curve = Candidate(best.fit._replace(cost=cost), problem.n_seen)
         assert is_refuted(base, best, curve, NOTHING_LEFT, 0.005) == refuted
+
+
+class TestAtHomeInstead:
+    """Friction at an odd place, and one with two sides at home, which fits as well."""
+
+    @pytest.fixture
+    def found(self):
+        problem, start = axis_problem([friction(0.4)], n=600)
+        base = fit(problem, start)
+        placed = replace(friction(0.4), odd=True), friction(0.4, "asymmetric_friction", (0.4,))
+        fits = [fit(problem, base.model._replace(effects=(effect,))) for effect in placed]
+        return Searched(problem, base, []), *(Candidate(each, problem.n_seen) for each in fits)
+
+    def likely(self, candidate, criterion):
+        """Return a candidate of such a criterion."""
+        cost = candidate.fit.cost * np.exp((criterion - candidate.criterion) / candidate.n_samples)
+        return Candidate(candidate.fit._replace(cost=cost), candidate.n_samples)
+
+    @pytest.mark.parametrize(("behind", "told"), [(HARDLY - 0.1, True), (HARDLY + 0.1, False)])
+    def test_only_what_is_hardly_less_likely_may_be_told(self, found, behind, told):
+        _, elsewhere, home = found
+        home = self.likely(home, elsewhere.criterion + behind)
+        assert at_home_instead(elsewhere, (), [elsewhere, home]) == [home] * told
+        assert at_home_instead(elsewhere, ((home,),), [home]) == [home]  # a look-alike may be, once
+        assert at_home_instead(home, (), [elsewhere, home]) == []  # it is at home itself
+
+    def test_neither_another_odd_place_nor_a_sensor_that_is_off_is_at_home(self, found):
+        _, elsewhere, home = found
+        offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+        strangers = [
+            Candidate(home.fit._replace(model=home.fit.model._replace(effects=effects)), home.n_samples)
+            for effects in ((replace(home.effects[0], odd=True),), (offset,), (*home.effects, offset))
+        ]
+        assert at_home_instead(elsewhere, ((strangers[0], strangers[1]),), strangers) == []
+
+    @pytest.mark.parametrize("stands", [True, False])
+    def test_it_is_told_if_it_stands_where_one_from_elsewhere_is_refuted(self, found, monkeypatch, stands):
+        searched, elsewhere, home = found
+        left = 0.0 if stands else searched.refitted.cost
+        monkeypatch.setattr(
+            judgement,
+            "leftover_of",
+            lambda _, best, *rest: Leftover(1e-4, left * (best.places == home.places), of_form=True),
+        )
+        monkeypatch.setattr(judgement, "left_that_is_no_noise", lambda *given: ())
+        monkeypatch.setattr(
+            judgement, "best_unnamed", lambda *given: Candidate(elsewhere.fit, home.n_samples)
+        )
+        settings = Settings((), 0.005, 2, 4, None, 0, 1, lambda stage: None)
+        run = searched.problem.run(searched.refitted.model)
+        structure = find_structure(searched.problem.simulator, run.x, searched.problem.u)
+        said = judged(searched, elsewhere, [elsewhere, home], structure, settings)
+        assert said.verdict == ("explained" if stands else "unknown")
+        assert said.best.places == (home if stands else elsewhere).places
+        alone = judged(searched, elsewhere, [elsewhere], structure, settings)
+        assert (alone.verdict, alone.best) == ("unknown", elsewhere)
 
 
 class TestExactSimulations:

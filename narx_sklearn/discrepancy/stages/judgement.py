@@ -1,14 +1,15 @@
 """What is said of a search: the set that is named, what it is held against, and the verdict."""
 
 from functools import cache, partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.confirm import DRIFT
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
+from narx_sklearn.discrepancy.search.confirm import DRIFT, is_of_a_sensor
 from narx_sklearn.discrepancy.search.explain import FINE
 from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.settings import Settings
@@ -106,9 +107,51 @@ def judged(
     if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings, forms):
         return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
-        return Judgement("unknown", best, alternatives, unnamed)
+        at_home = _judged_at_home(searched, best, alternatives, pool, structure, settings)
+        return at_home or Judgement("unknown", best, alternatives, unnamed)
     left = left_by_form(refitted, best, unnamed, leftover)
     return Judgement(named, best, alternatives, unnamed, left=left)
+
+
+def _judged_at_home(
+    searched: Searched,
+    best: Candidate,
+    alternatives: tuple[tuple[Candidate, ...], ...],
+    pool: list[Candidate],
+    structure: Structure,
+    settings: Settings,
+) -> Judgement | None:
+    """Return what is said of a name at home in the place of a refuted one from elsewhere, if one stands.
+
+    The likeliest is asked first. What was refuted is no rival any more.
+    """
+    rest = [c for c in pool if c.places != best.places]
+    rivals = at_home_instead(best, alternatives, rest)
+    while rivals:
+        likely = likeliest(rivals, searched.refitted.cost)
+        rival = converged(searched.problem, likely, settings.n_jobs)
+        found = judged(searched, rival, rest, structure, settings)
+        if found.verdict != "unknown":
+            return found
+        rivals = [c for c in rivals if c is not likely]
+    return None
+
+
+def at_home_instead(
+    best: Candidate, alternatives: tuple[tuple[Candidate, ...], ...], pool: list[Candidate]
+) -> list[Candidate]:
+    """Return what could stand in the place of names from elsewhere without being clearly worse, at home.
+
+    Those are the alternatives, and the same name where one meets it if it is hardly less likely there. That a
+    sensor is off or drifts is none: such goes anywhere, and was held against noise that does.
+    """
+    if not odd(best):
+        return []
+    hardly = [
+        c for c in pool if len(c.effects) == len(best.effects) and c.criterion <= best.criterion + HARDLY
+    ]
+    rivals = {id(c): c for c in (*chain.from_iterable(alternatives), *hardly)}.values()
+    return [c for c in rivals if not odd(c) and not any(is_of_a_sensor(e) for e in c.effects)]
 
 
 def _without_its_power(
