@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.search.members import reordered, without, without_
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.fading import with_what_fades
 from narx_sklearn.discrepancy.stages.forms import FORM, along, taken_by_forms
 from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps
 
@@ -35,7 +36,8 @@ def named_set(
     best = more_than_drift(problem, refitted, best, pool, steps[0].bank, settings)
     best = _converged_best(problem, best, pool, refitted.cost, settings.n_jobs)
     best = next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
-    return _without_form_menders(problem, best, pool, structure, settings.n_jobs)
+    best = _without_form_menders(problem, best, pool, structure, settings.n_jobs)
+    return with_what_fades(problem, best, pool, settings.n_jobs)
 
 
 def _converged_best(

@@ -35,7 +35,8 @@ def _warmed(time, T):
     return -np.expm1(-time / T) if T > 0.0 else (1.0 if time > 0.0 else 0.0)
 
 
-def _warmed_along(time, T):
+def warmed_along(time: np.ndarray, T: float) -> np.ndarray:
+    """Return the same at many times."""
     return -np.expm1(-time / T) if T > 0 else (time > 0).astype(float)
 
 
@@ -45,7 +46,7 @@ def _gain_drift(argument, rate, own, second, time, step, z, theta, dz):
 
 
 def _gain_drift_transform(signal, second, dt, theta, first):
-    warmed = _warmed_along(time_since(first, signal.size, dt), theta[1])
+    warmed = warmed_along(time_since(first, signal.size, dt), theta[1])
     return signal + theta[0] * warmed * (signal - theta[2])
 
 
@@ -57,7 +58,7 @@ def _gain_drift_starts(setting: Setting) -> np.ndarray:
     return scaled(
         setting,
         grid([1.0], times, working_points(setting.argument)),
-        lambda row: _warmed_along(setting.time, row[1]) * (setting.argument - row[2]),
+        lambda row: warmed_along(setting.time, row[1]) * (setting.argument - row[2]),
     )
 
 
@@ -98,7 +99,7 @@ def _additive_drift(argument, rate, own, second, time, step, z, theta, dz):
 
 
 def _shape_of_drift(time, T, b, c):
-    q = _warmed_along(time, T)
+    q = warmed_along(time, T)
     return q * (1.0 + q * (b + q * c))
 
 
