@@ -8,6 +8,7 @@ from small_machines import levels, make_axis, make_circuit, make_drive, tank
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.as_narx import effect_regressors
+from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.hypotheses import placements
 from narx_sklearn.discrepancy.simulators.simulator import Windows
@@ -83,6 +84,33 @@ class TestPlaces:
         for code in ("coulomb_friction", "quadratic_drag"):
             placed = placements(CATALOGUE[code], simulator, structure)
             assert {p.odd for p in placed if p.port == Port("state", 0)} == {odd}
+
+    def test_what_drives_a_state_equation_may_drift_there_where_it_enters_elsewhere_too(self):
+        """A battery's capacity fades: the current fills it faster, and takes off the voltage what it did."""
+
+        def drawn(x, u, p):
+            return -p[0] * u[0], u[0] - x[1]
+
+        def voltage(x, u, p):
+            return (x[0] - p[1] * u[0],)
+
+        made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["current [A]"]}
+        cell = ODESimulator(
+            drawn, states=["charge", "late [A]"], output=voltage, outputs=["voltage [V]"], **made
+        )
+        fed = self.fed_by(cell)
+        assert [(p.port, p.second) for p in fed] == [
+            (Port("state", 0), (1.0, 0.0, 0.0)),
+            (Port("state", 1), (1.0, 0.0, 0.0)),
+        ]
+        assert argument_told(fed[0]) == "u = current [A]"
+        alone = ODESimulator(tank, states=["charge"], **made)
+        assert self.fed_by(alone) == []  # a drift of the input is that
+
+    def fed_by(self, simulator):
+        """Return the places at which a gain drifts of what drives a state equation."""
+        found = placements(CATALOGUE["gain_drift"], simulator, self.structure_of(simulator))
+        return [placed for placed in found if placed.is_fed]
 
     def test_what_a_level_loses_is_not_tried_on_what_is_none(self):
         made = {"dt": 1.0, "parameters": {"a": 1.0, "b": 0.1}, "inputs": ["pump [V]"]}
@@ -313,3 +341,37 @@ class TestPlaces:
         assert found.findings_[0].effect == "load_friction"
         assert found.simulator_.effects[0].second_name in ("motor - load", "load - motor")
         assert ", L = " in found.findings_[0].argument
+
+
+@pytest.mark.long
+def test_a_capacity_that_fades_is_a_gain_that_drifts_of_what_fills_it():
+    """The current fills a cell that holds ever less ever faster, and takes off the voltage what it did."""
+
+    def cell(x, u, p):
+        return (-u[0] / p[0],)
+
+    def voltage(x, u, p):
+        return (3.2 + 0.9 * x[0] - p[1] * u[0],)
+
+    def made(capacity, resistance):
+        return ODESimulator(
+            cell,
+            dt=10.0,
+            parameters={"capacity [A s]": capacity, "resistance [ohm]": resistance},
+            states=["charge"],
+            inputs=["current [A]"],
+            output=voltage,
+            outputs=["voltage [V]"],
+        )
+
+    rng = np.random.default_rng(0)
+    steps = np.repeat(rng.uniform(-5.0, 5.0, 60), 25)
+    u = (steps - steps.mean() + 2.0 * np.sin(2 * np.pi * np.arange(1500) / 600))[:, None]
+    fade = 1.0 - 0.2 * np.arange(1500) / 1500
+    charge = 0.6 - 10.0 * np.append(0.0, np.cumsum(u[:, 0] / (12000.0 * fade))[:-1])
+    y = 3.2 + 0.9 * charge[:, None] - 0.02 * u + 0.003 * rng.normal(size=u.shape)
+    found = DiscrepancyRegressor(made(11000.0, 0.018), random_state=0).fit(u, y)
+    told = found.findings_[0]
+    assert (told.effect, told.port, told.argument) == ("gain_drift", "state:0", "u = current [A]")
+    assert not any(finding.port == "input:0" for finding in found.findings_)
+    assert found.simulator_.nominal == pytest.approx([12000.0, 0.02], rel=0.03)

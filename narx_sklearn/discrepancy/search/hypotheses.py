@@ -100,8 +100,9 @@ def _hypothesis(placed: PlacedEffect, setting: Setting, asked: bool) -> Hypothes
     if effect.limits is not None:
         limits = np.array(effect.limits(setting), dtype=float)
     for k in effect.references:
-        of_second = setting.second if "{second}" in effect.parameters[k].unit else None
-        limits[k] = reference_limits(setting.argument if of_second is None else of_second)
+        is_of_second = placed.is_fed or "{second}" in effect.parameters[k].unit
+        signal = setting.second if is_of_second else None
+        limits[k] = reference_limits(setting.argument if signal is None else signal)
     if np.isfinite(limits).any():
         placed = replace(placed, limits=tuple((low, high) for low, high in limits.tolist()))
     starts = _starts(effect, setting, placed)
@@ -253,7 +254,7 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     kind, i = placed.effect.second, placed.port.index
     n_inputs, n_states = len(simulator.inputs), len(simulator.states)
     channels = structure.channels.tolist()
-    driving = np.flatnonzero(structure.inputs[i]).tolist() if placed.port.kind == "state" else []
+    driving = _feeds(placed, structure) if placed.port.kind == "state" else []
     columns = {
         None: [],
         "channel": _others(placed, structure),
@@ -269,6 +270,21 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
             yield (*[0.0] * n_inputs, *weights), name, unit
+
+
+def _feeds(placed: PlacedEffect, structure: Structure) -> list[int]:
+    """Return the inputs of a state equation that may stand in the place of an effect's argument.
+
+    Where that may be any state, once; and of what enters this equation alone the input itself tells the gain.
+    """
+    i = placed.port.index
+    driving = np.flatnonzero(structure.inputs[i]).tolist()
+    if placed.effect.argument != "any":
+        return driving
+    if not placed.weights[i]:
+        return []
+    entered = structure.inputs.sum(axis=0) + structure.read[:, : structure.inputs.shape[1]].sum(axis=0)
+    return [j for j in driving if entered[j] > 1]
 
 
 def _others(placed: PlacedEffect, structure: Structure) -> list[int]:

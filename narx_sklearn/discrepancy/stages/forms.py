@@ -65,9 +65,7 @@ def _taken(bank: Bank) -> float:
 
 def along(one: PlacedEffect, other: PlacedEffect) -> bool:
     """Tell whether two effects act at one place and depend on one signal."""
-    if one.port.kind == "state":
-        return one.port == other.port and one.weights == other.weights
-    own, others = (effect.second if effect.is_fed else () for effect in (one, other))
+    own, others = (effect.second if effect.is_fed else effect.weights for effect in (one, other))
     return one.port == other.port and own == others
 
 

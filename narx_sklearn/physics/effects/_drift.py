@@ -42,7 +42,8 @@ def warmed_along(time: np.ndarray, T: float) -> np.ndarray:
 
 @kernel
 def _gain_drift(argument, rate, own, second, time, step, z, theta, dz):
-    return theta[0] * _warmed(time, theta[1]) * (argument - theta[2])
+    signal = argument if np.isnan(second) else second
+    return theta[0] * _warmed(time, theta[1]) * (signal - theta[2])
 
 
 def _gain_drift_transform(signal, second, dt, theta, first):
@@ -52,13 +53,14 @@ def _gain_drift_transform(signal, second, dt, theta, first):
 
 def _gain_drift_starts(setting: Setting) -> np.ndarray:
     """A gain that settles within the record, and one that goes on and on; about zero and about the mean."""
-    if spread(setting.argument) == 0:  # a drift then, which is additive
+    signal = setting.argument if setting.second is None else setting.second
+    if spread(signal) == 0:  # a drift then, which is additive
         return np.empty((0, 3))
     times = np.array([0.3, 3.0]) * record_length(setting)
     return scaled(
         setting,
-        grid([1.0], times, working_points(setting.argument)),
-        lambda row: warmed_along(setting.time, row[1]) * (setting.argument - row[2]),
+        grid([1.0], times, working_points(signal)),
+        lambda row: warmed_along(setting.time, row[1]) * (signal - row[2]),
     )
 
 
@@ -157,8 +159,8 @@ DRIFT = (
         code="gain_drift",
         title="Drifting gain",
         sentence="The gain changes slowly with time, and may settle.",
-        equation="s + a q (s - r) at an input; a q (x - r), a drifting coefficient, in a state equation; "
-        "q = 1 - exp(-t/T), nearly t/T where T is long",
+        equation="s + a q (s - r) at an input; a q (x - r), a drifting coefficient, in a state equation, or "
+        "a q (u - r) of what drives it; q = 1 - exp(-t/T), nearly t/T where T is long",
         parameters=(
             EffectParameter("a", "{port}/({arg})"),
             EffectParameter("T", "s", 0.0),
@@ -171,6 +173,7 @@ DRIFT = (
         transform=_gain_drift_transform,
         output_port=False,
         argument="any",
+        second="feed",
         lookalikes=("additive_drift", "temperature_gain", "bilinear_input"),
         separate_by="the same segment at the start, in the middle and at the end",
         source="Ljung 1999, System Identification, sec. 11.1 (slowly varying parameters)",
