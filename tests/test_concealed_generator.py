@@ -27,6 +27,7 @@ from benchmarks.concealed.plants.dispatch import MACHINES, hidden_rates, nominal
 from benchmarks.concealed.plants.forces import friction  # noqa: E402
 from benchmarks.concealed.plants.inputs import act  # noqa: E402
 from benchmarks.concealed.plants.integrate import UNFORCED, run_nominal  # noqa: E402
+from benchmarks.concealed.plants.machine import on_output  # noqa: E402
 from benchmarks.concealed.plants.sensors import sense  # noqa: E402
 from benchmarks.concealed.score import clearly_missed, score  # noqa: E402
 from benchmarks.concealed.sealing import read_json, sha256, write_json  # noqa: E402
@@ -125,6 +126,27 @@ def test_a_machine_rests_at_its_working_point(name):
     u = np.full((50, len(rig.machine.inputs)), rig.machine.offset)
     states = rig.record(u, np.random.default_rng(0)).states
     np.testing.assert_allclose(states, np.broadcast_to(rig.rest(), states.shape), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("code", "theta", "gain", "offset"),
+    [
+        (Code.sensor_memory, (0.3, 5.0), 1.0, 0.3),  # magnetised no more than all of it
+        (Code.creep, (0.2, 50.0), 1.2, 0.0),
+        (Code.lag, (50.0,), 1.0, 0.0),
+    ],
+)
+@pytest.mark.parametrize("name", ["heated_mass", "two_tanks"])
+def test_a_sensor_of_a_machine_at_rest_reads_what_it_always_will(name, code, theta, gain, offset):
+    """Both machines rest far from zero, where a memory that began anywhere would be seen to fade."""
+    site = on_output()
+    numbers = np.zeros(8)
+    numbers[: len(theta)] = theta
+    rig = rig_for(name, effects=((Concealed(code, site, 1.0), numbers),))
+    run = rig.record(np.full((200, len(rig.machine.inputs)), rig.machine.offset), np.random.default_rng(0))
+    read, true = run.clean[:, site.index], run.states[:, rig.machine.measured[site.index]]
+    np.testing.assert_allclose(read, read[0], rtol=1e-9)
+    assert abs(read[0] - gain * true[0]) <= offset + 1e-9 * true[0]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from benchmarks.concealed.plants.codes import Kind
 from benchmarks.concealed.plants.dispatch import NUMBERS
 from benchmarks.concealed.plants.integrate import MEMORY, Attached, run_hidden
 from benchmarks.concealed.plants.machine import Machine
+from benchmarks.concealed.plants.sensors import at_rest_remembered
 from benchmarks.concealed.plants.shapes import Scales
 from benchmarks.concealed.specs import Concealed
 
@@ -119,7 +120,8 @@ class Rig:
         memory = np.zeros((len(self.effects), MEMORY))
         for row, (effect, _) in zip(memory, self.effects, strict=True):
             if effect.site.kind == Kind.output:
-                row[:3] = self.rest()[self.machine.measured[effect.site.index]]
+                at_rest = self.rest()[self.machine.measured[effect.site.index]]
+                row[:3] = at_rest_remembered(effect.code, at_rest)
         return memory
 
 

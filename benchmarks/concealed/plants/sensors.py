@@ -5,7 +5,12 @@ from numba import njit
 
 from benchmarks.concealed.plants.codes import Code
 
-__all__ = ["sense"]
+__all__ = ["at_rest_remembered", "sense"]
+
+
+def at_rest_remembered(code, y):
+    """Return the memory of a sensor that has long read `y`: the reading, or a core never magnetised and it."""
+    return (0.0, y, y) if code == Code.sensor_memory else (y, y, y)
 
 
 @njit(cache=True, nogil=True)
