@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
-from narx_sklearn.discrepancy.stages.products import best_product
+from narx_sklearn.discrepancy.stages.laws import best_product
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 from narx_sklearn.discrepancy.stages.told_law import left_by_law
 

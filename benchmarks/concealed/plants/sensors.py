@@ -9,7 +9,7 @@ __all__ = ["at_rest_remembered", "sense"]
 
 
 def at_rest_remembered(code, y):
-    """Return the memory of a sensor that has long read `y`: the reading, or a core never magnetised and it."""
+    """Return the memory of a sensor that has long read `y`: the reading, and a core never magnetised."""
     return (0.0, y, y) if code == Code.sensor_memory else (y, y, y)
 
 

@@ -42,6 +42,8 @@ ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unn
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING = "unnamed_dependence"  # of a parameter
+WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
+TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
 UNNAMED = (
     CURVE,
     SURFACE,
@@ -56,6 +58,10 @@ UNNAMED = (
     STORED,
     STORED_BY_SQUARE,
     VARYING,
+    WORKED,
+    WORKED_BY_SQUARE,
+    TWO_SPEEDS,
+    LOOP,
 )
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
@@ -72,6 +78,10 @@ TITLES = {
     STORED_BY_SQUARE: "an inertia, or whatever takes up what drives this equation, that changes",
     INVERSE: "an inverse power that the catalogue does not hold",
     VARYING: "a parameter that depends on a signal",
+    WORKED: "a gain that depends on what went before",
+    WORKED_BY_SQUARE: "a gain that depends on what went before",
+    TWO_SPEEDS: "a lag that is slower one way",
+    LOOP: "a reading that depends on where it last turned",
 }
 SENTENCES = {
     DAMPED: "What is hit gives way.",
@@ -93,6 +103,14 @@ SENTENCES = {
     "point, either way: as where an inertia, a capacity or an inductance is not constant.",
     VARYING: "What the simulation has as a constant changes with a signal, wherever it stands in the "
     "equations.",
+    WORKED: "What goes through here is weaker, or stronger, the harder it worked shortly before, as where a "
+    "supply sags.",
+    WORKED_BY_SQUARE: "What goes through here is weaker, or stronger, the more power it took shortly before, "
+    "as where something warms up.",
+    TWO_SPEEDS: "The signal arrives smoothed, one way more than the other, as where something fills faster "
+    "than it empties.",
+    LOOP: "What is read depends on where it last turned, however slowly it goes, as of a core that stays "
+    "magnetised.",
     INVERSE: "What acts here falls off as a power of this signal, as what acts over a distance does. Nearer "
     "to zero than this recording came it is taken to stay as it is there.",
 }

@@ -5,6 +5,6 @@ given), ``coloured_search`` looks for what it lacks, ``stretches`` (by ``trimmed
 ``in_sessions``) for what acts for a while;
 ``judgement`` says what that comes to, with ``naming``, ``swaps`` and ``fading``, in ``plain`` numbers: what
 speaks against names (``refuted``, beside their own ``forms``), what has none (``unnamed``, ``powers``,
-``products``; ``knots``) and goes with it (``told_law``), which parameter is no constant (``varying``), what
+``laws``; ``knots``) and goes with it (``told_law``), which parameter is no constant (``varying``), what
 follows no signal (``unforeseen``), and whether the rest is noise (``remainder``, ``followed``, ``pulse``).
 """

@@ -8,8 +8,8 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.explain import FINE, refit_leaders
+from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
+from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
     TERMS,
     curve_hypotheses,
@@ -23,8 +23,8 @@ from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.knots import drawn_again
+from narx_sklearn.discrepancy.stages.laws import best_memory, best_product, best_storage
 from narx_sklearn.discrepancy.stages.powers import best_power
-from narx_sklearn.discrepancy.stages.products import best_product, best_storage
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
@@ -42,10 +42,10 @@ def best_unnamed(
 ) -> Candidate | None:
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
-    So are forces that go as a power, but one that an effect has which is ``known``, or as a product, and
-    storages that change. All act beside what the refit has already. Beside what acts for a while, curves are
-    tried that do too, and a change of the simulator's own parameters meanwhile; and what pulsates at the
-    frequencies of some ``waves``, Hz.
+    So are forces that go as a power, but one that an effect has which is ``known``, or as a product, storages
+    that change, and what remembers at an input or output. All act beside what the refit has already. Beside
+    what acts for a while, curves are tried that do too, and a change of the simulator's own parameters
+    meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -62,8 +62,9 @@ def best_unnamed(
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     product = best_product(problem, refitted, beside, structure, settings.n_jobs)
     storage = best_storage(problem, refitted, beside, structure, settings.n_jobs)
+    memory = best_memory(problem, refitted, beside, structure, settings.n_jobs)
     curve = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]]
-    laws = [*curve, power, product, storage]
+    laws = [*curve, power, product, storage, memory]
     return min((law for law in laws if law is not None), key=lambda c: c.criterion, default=None)
 
 

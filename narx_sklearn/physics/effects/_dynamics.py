@@ -69,7 +69,7 @@ def _delay_held(signal, dt, theta, first):
     return last + f * (one_before - last), 6.0 * f * (1.0 - f) * (last - one_before)
 
 
-def _times(setting: Setting, shares) -> np.ndarray:
+def times_of_lag(setting: Setting, shares) -> np.ndarray:
     """Return shares of the signal's time scale, from half a sample to a fifth of the record."""
     longest = record_length(setting) / 5
     if spread(setting.argument) == 0 or longest < setting.dt:
@@ -79,7 +79,7 @@ def _times(setting: Setting, shares) -> np.ndarray:
 
 
 def _delay_starts(setting: Setting) -> np.ndarray:
-    return grid(_times(setting, (0.05, 0.15, 0.5)), [0.0])  # from rest
+    return grid(times_of_lag(setting, (0.05, 0.15, 0.5)), [0.0])  # from rest
 
 
 @kernel
@@ -183,15 +183,19 @@ def _analog_lag_held(signal, dt, theta, first):
     """Follow each value of a held signal exponentially."""
     ratio = dt / max(theta[0], SHORT * dt)
     behind = by_pieces(_average_run, signal, first, np.exp(-ratio), theta[1], 1) - signal
-    mean = -np.expm1(-ratio) / ratio
-    # first moment of the decay about the middle of the step, as a series where it would cancel
-    series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))
-    moment = series if ratio < SMALL else (mean - np.exp(-ratio)) / ratio - 0.5 * mean
+    mean, moment = moments_of_decay(ratio)
     return signal + mean * behind, 12.0 * moment * behind
 
 
+def moments_of_decay(ratio: float) -> tuple[float, float]:
+    """Return the mean of exp(-ratio x) for x from 0 to 1, and its first moment about the middle."""
+    mean = -np.expm1(-ratio) / ratio
+    series = ratio * (-1 / 12 + ratio * (1 / 24 - ratio / 80))  # where the difference would cancel
+    return mean, series if ratio < SMALL else (mean - np.exp(-ratio)) / ratio - 0.5 * mean
+
+
 def _lag_starts(setting: Setting) -> np.ndarray:
-    return grid(_times(setting, (0.05, 0.2, 1.0, 5.0)), [0.0], [0.0])  # from rest, by a filter
+    return grid(times_of_lag(setting, (0.05, 0.2, 1.0, 5.0)), [0.0], [0.0])  # from rest, by a filter
 
 
 @kernel

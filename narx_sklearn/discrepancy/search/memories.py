@@ -1,0 +1,191 @@
+"""Laws without a name that remember what went through an input or a sensor before.
+
+A gain that goes with how hard a signal worked (a supply that sags, a coil that warms up), a lag that is
+slower one way than the other, a reading that depends on where it last turned. They are laws as the
+``generic`` ones are: what they are, and not why, is told.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from narx_sklearn.discrepancy.search.generic import (
+    LOOP,
+    SENTENCES,
+    TITLES,
+    TWO_SPEEDS,
+    WORKED,
+    WORKED_BY_SQUARE,
+)
+from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._dynamics import moments_of_decay, times_of_lag
+from narx_sklearn.physics.effects._effect import LACKING
+from narx_sklearn.physics.effects._kernel import kernel
+from narx_sklearn.physics.effects._series import by_pieces
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    scaled,
+    spread,
+    time_constants,
+    time_looked_at,
+    working_points,
+)
+
+SHORT = 1e-12  # of a step: a lag of less is none
+APART = 4.0  # times as slow one way as the other, from which two speeds are tried
+SIMPLEST = 1.0  # exponent n of a Bouc-Wen element: a loop of exponentials
+BOUC_WEN = CATALOGUE["bouc_wen_hysteresis"]
+SLOW = 3  # times over which work is remembered, that are tried
+
+
+@kernel
+def _remembered_run(worked, decay, begin):
+    """Return the exponential average of what came before each sample."""
+    out = np.empty(worked.size)
+    out[0] = begin
+    for k in range(1, worked.size):
+        out[k] = decay * out[k - 1] + (1.0 - decay) * worked[k - 1]
+    return out
+
+
+def _worked_transform(signal, second, dt, theta, first, power):
+    """Return a signal whose deviation from r has a gain that goes with the work remembered."""
+    a, T, r, begin = theta[:4]
+    decay = np.exp(-dt / max(T, SHORT * dt))
+    remembered = by_pieces(_remembered_run, np.abs(signal - r) ** power, first, decay, begin)
+    return r + (signal - r) * np.exp(a * remembered)
+
+
+def _worked_starts(setting: Setting, transform) -> np.ndarray:
+    """Work remembered from a few samples to a fifth of the record, counted from zero and from the mean."""
+    if spread(setting.argument) == 0:
+        return np.empty((0, 4))
+    rows = grid([1.0], time_constants(setting, SLOW + 1)[1:], working_points(setting.argument), [0.0])
+
+    def added(row: np.ndarray) -> np.ndarray:
+        return transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
+
+    return scaled(setting, rows, added)
+
+
+def _worked_limits(setting: Setting) -> np.ndarray:
+    """Longer than a sample, or it is a curve; forgotten within the time looked at, or it is a drift."""
+    limits = np.tile([-np.inf, np.inf], (4, 1))
+    limits[1] = setting.dt, max(time_looked_at(setting), setting.dt)
+    return limits
+
+
+def _worked(code: str, power: int) -> Effect:
+    """Return a gain that goes with a power of how far the signal was off a point before."""
+    of = f"|s - r|{f'^{power}' * (power > 1)}"
+    unit = f"{{arg}}{f'^{power}' * (power > 1)}"
+    transform = partial(_worked_transform, power=power)
+    return Effect(
+        code=code,
+        title=TITLES[code],
+        sentence=SENTENCES[code],
+        equation=f"r + (s - r) exp(a M), T M' = {of} - M, at first M = i",
+        parameters=(
+            EffectParameter("a", f"1/({unit})"),
+            EffectParameter("T", "s", 0.0),
+            EffectParameter("r", "{arg}"),
+            EffectParameter("i", unit, 0.0),
+        ),
+        starts=partial(_worked_starts, transform=transform),
+        limits=_worked_limits,
+        transform=transform,
+        begin=3,
+        references=(2,),
+        separate_by="the same small steps after rest and after hard work",
+    )
+
+
+@kernel
+def _two_speeds_run(values, up, down, lacking):
+    """Return where a lag of two speeds stands at each sample of a signal held from each to the next."""
+    out = np.empty(values.size)
+    out[0] = values[0] * (1.0 - lacking)
+    for k in range(1, values.size):
+        behind = out[k - 1] - values[k - 1]
+        out[k] = values[k - 1] + behind * (up if behind < 0.0 else down)
+    return out
+
+
+@kernel
+def _two_speeds_along_lines_run(values, dt, up, down, lacking):
+    """Return the same of a signal that is straight from sample to sample: its speed is that of the middle."""
+    out = np.empty(values.size)
+    out[0] = values[0] * (1.0 - lacking)
+    for k in range(1, values.size):
+        ahead = 0.5 * (values[k - 1] + values[k]) - out[k - 1]
+        ratio = dt / (up if ahead > 0.0 else down)
+        decay = np.exp(-ratio)
+        new = 1.0 + np.expm1(-ratio) / ratio
+        out[k] = decay * out[k - 1] + (1.0 - decay - new) * values[k - 1] + new * values[k]
+    return out
+
+
+def _two_speeds_transform(signal, second, dt, theta, first):
+    up, down = np.maximum(theta[:2], SHORT * dt)
+    return by_pieces(_two_speeds_along_lines_run, signal, first, dt, up, down, theta[2])
+
+
+def _two_speeds_held(signal, dt, theta, first):
+    """Follow each value of a held signal exponentially: on the way there the speed stays."""
+    up, down = dt / np.maximum(theta[:2], SHORT * dt)
+    behind = by_pieces(_two_speeds_run, signal, first, np.exp(-up), np.exp(-down), theta[2]) - signal
+    (mean_up, moment_up), (mean_down, moment_down) = moments_of_decay(up), moments_of_decay(down)
+    rises = behind < 0
+    mean, moment = np.where(rises, mean_up, mean_down), np.where(rises, moment_up, moment_down)
+    return signal + mean * behind, 12.0 * moment * behind
+
+
+def _two_speeds_starts(setting: Setting) -> np.ndarray:
+    """Lags of some shares of the signal's time scale, slower up or slower down."""
+    slow = times_of_lag(setting, (0.05, 0.2, 1.0, 5.0))
+    pairs = np.concatenate([np.column_stack([slow, slow / APART]), np.column_stack([slow / APART, slow])])
+    return np.column_stack([pairs, np.zeros(len(pairs))])
+
+
+def _loop_transform(signal, second, dt, theta, first):
+    k, zy, r = theta[:3]
+    return BOUC_WEN.transform(signal, second, dt, (-k, zy, r, SIMPLEST), first)
+
+
+def _loop_starts(setting: Setting) -> np.ndarray:
+    """Those of a Bouc-Wen element, of its simplest form."""
+    rows = BOUC_WEN.starts(setting)
+    return rows[rows[:, 3] == SIMPLEST, :3] if len(rows) else np.empty((0, 3))
+
+
+MEMORIES = (
+    _worked(WORKED, 1),
+    _worked(WORKED_BY_SQUARE, 2),
+    Effect(
+        code=TWO_SPEEDS,
+        title=TITLES[TWO_SPEEDS],
+        sentence=SENTENCES[TWO_SPEEDS],
+        equation="T s_out' = s - s_out, with T = T1 while it rises and T2 while it falls; at first a share i "
+        "of the signal is lacking (below 0: it is more)",
+        parameters=(EffectParameter("T1", "s", 0.0), EffectParameter("T2", "s", 0.0), LACKING),
+        begin=2,
+        starts=_two_speeds_starts,
+        transform=_two_speeds_transform,
+        held=_two_speeds_held,
+        amplitude=None,
+        separate_by="steps up and down",
+    ),
+    Effect(
+        code=LOOP,
+        title=TITLES[LOOP],
+        sentence=SENTENCES[LOOP],
+        equation="s + k z, z' = v - v (sgn(v z) + r) |z|/zy, v = ds/dt",
+        parameters=(EffectParameter("k", "-"), *BOUC_WEN.parameters[1:3]),
+        starts=_loop_starts,
+        transform=_loop_transform,
+        input_port=False,
+        separate_by="loops of several sizes, at two rates",
+        source="Wen 1976, J. Eng. Mech. Div. ASCE 102(2), with n = 1",
+    ),
+)
+"""Laws at inputs and outputs, as entries of a catalogue: where and from which values they are tried."""
