@@ -113,8 +113,25 @@ def column_labels(data) -> list | None:
     return None
 
 
+def unmasked(data):
+    """Return a masked array with NaN where it is masked, and anything else as it is.
+
+    What lies under a mask is a fill value, or what somebody would not believe; ``np.asarray`` hands it out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn._validation import unmasked
+    >>> unmasked(np.ma.masked_equal([1, -9999, 3], -9999)).tolist()
+    [1.0, nan, 3.0]
+    """
+    if not isinstance(data, np.ma.MaskedArray):
+        return data
+    return data.data if np.ma.getmask(data) is np.ma.nomask else np.ma.filled(data.astype(float), np.nan)
+
+
 def as_signals(data, name: str) -> np.ndarray:
-    """Return ``data`` as a float64 array of shape (n_samples, n_signals); NaN marks gaps.
+    """Return ``data`` as a float64 array of shape (n_samples, n_signals); NaN, or a mask, marks gaps.
 
     Raises
     ------
@@ -125,7 +142,7 @@ def as_signals(data, name: str) -> np.ndarray:
     """
     check_numeric(data, name)
     if not hasattr(data, "columns"):
-        given, data = data, np.asarray(data)
+        given, data = data, np.asarray(unmasked(data))
         if data.ndim == 0:
             what = "None" if given is None else f"the single value {given!r}"
             raise ValueError(

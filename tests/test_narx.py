@@ -296,6 +296,19 @@ def test_gaps_are_left_out_and_come_back_as_nan(record):
     assert np.isfinite(np.delete(prediction, np.s_[700:705])).all()
 
 
+def test_what_a_mask_hides_is_a_gap_and_no_value(record):
+    X, y = record[0].copy(), record[1].copy()
+    hidden_X, hidden_y = np.zeros(X.shape, bool), np.zeros(y.shape, bool)
+    hidden_X[700:705], hidden_y[200:210] = True, True
+    X[hidden_X], y[hidden_y] = 1e20, -9999.0  # as netCDF files and loggers fill
+    masked = np.ma.masked_array(X, hidden_X), np.ma.masked_array(y, hidden_y)
+    as_nan = np.where(hidden_X, np.nan, X), np.where(hidden_y, np.nan, y)
+    narx, other = (NARXRegressor(3, 3, degree=3).fit(*data) for data in (masked, as_nan))
+    assert narx.model_ == other.model_
+    np.testing.assert_array_equal(narx.predict(masked[0]), other.predict(as_nan[0]))
+    assert narx.score(*masked) == other.score(*as_nan)
+
+
 FOUR = ["y[k-1] = 0.6", "y[k-2] = -0.2", "u[k-1] = 1", "u[k-2] = 0.5"]
 
 

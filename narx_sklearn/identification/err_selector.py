@@ -8,7 +8,7 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import check_choice, check_count, check_indexes, finite_rows
+from narx_sklearn._validation import check_choice, check_count, check_indexes, finite_rows, unmasked
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.criteria import CRITERIA
 from narx_sklearn.identification.factor import Factor
@@ -115,7 +115,13 @@ class ErrSelector(SelectorMixin, BaseEstimator):
         self._check_parameters()
         check_indexes(X, y)
         X, y = validate_data(
-            self, X, y, dtype=np.float64, ensure_all_finite="allow-nan", y_numeric=True, multi_output=False
+            self,
+            unmasked(X),
+            unmasked(y),
+            dtype=np.float64,
+            ensure_all_finite="allow-nan",
+            y_numeric=True,
+            multi_output=False,
         )
         n_samples = X.shape[0]
         complete = finite_rows(X)

@@ -11,6 +11,7 @@ from narx_sklearn._validation import (
     column_labels,
     finite_columns,
     session_slices,
+    unmasked,
 )
 from narx_sklearn.identification.record import ArrayRecord, Record
 from narx_sklearn.identification.recordings import open_record
@@ -35,7 +36,7 @@ def open_inputs(narx, X, *, reset: bool = False) -> np.ndarray:
     """Return inputs as an array, their columns those that a regressor was fitted with."""
     check_numeric(X, "X")
     return validate_data(
-        narx, X, reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
+        narx, unmasked(X), reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C",
         ensure_min_features=0 if has_no_inputs(narx.input_lags) else 1,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from narx_sklearn._validation import check_choice, column_labels, session_slices, signal_names
+from narx_sklearn._validation import check_choice, column_labels, session_slices, signal_names, unmasked
 from narx_sklearn.identification.regressors import Candidates
 from narx_sklearn.identification.structure import candidate_library, named_phi, structure_filter
 from narx_sklearn.model.phi import Phi
@@ -112,7 +112,9 @@ class _SignalTransformer(TransformerMixin, BaseEstimator):
         return np.array(self._names(), dtype=object)
 
     def _read(self, X, *, reset: bool) -> np.ndarray:
-        return validate_data(self, X, reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C")
+        return validate_data(
+            self, unmasked(X), reset=reset, dtype=np.float64, ensure_all_finite="allow-nan", order="C"
+        )
 
     def _record(self, X, sessions, phi: Sequence[Phi], depth: int) -> tuple[Layout, Recording, np.ndarray]:
         """Lay signals out with ``depth`` samples before each session; return also the rows of ``X``."""

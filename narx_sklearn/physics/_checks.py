@@ -6,12 +6,12 @@ import numpy as np
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_array, validate_data
 
-from narx_sklearn._validation import check_indexes, session_slices
+from narx_sklearn._validation import check_indexes, session_slices, unmasked
 
 
 def check_signal(u, name: str = "u") -> np.ndarray:
     """Return a finite float signal of shape (n_samples,), or raise; a single column counts as a signal."""
-    u = check_array(u, dtype=np.float64, ensure_2d=False, input_name=name)
+    u = check_array(unmasked(u), dtype=np.float64, ensure_2d=False, input_name=name)
     if u.ndim == 2 and u.shape[1] == 1:
         u = u[:, 0]
     if u.ndim != 1:
@@ -30,14 +30,16 @@ def check_finite(value, name: str) -> float:
 def validate_record(estimator, X, y, sessions) -> tuple[np.ndarray, np.ndarray, list[slice]]:
     """Return input and output for ``fit``, both of shape (n_samples,), and the recordings; or raise."""
     check_indexes(X, y)
-    X, y = validate_data(estimator, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
+    X, y = validate_data(
+        estimator, unmasked(X), unmasked(y), dtype=np.float64, y_numeric=True, ensure_min_samples=2
+    )
     pieces = session_slices(sessions, X.shape[0])
     return _one_input(estimator, X), np.asarray(y, dtype=np.float64), pieces
 
 
 def validate_input(estimator, X, sessions) -> tuple[np.ndarray, list[slice]]:
     """Return the input for ``predict``, shape (n_samples,), and the recordings; or raise."""
-    X = validate_data(estimator, X, dtype=np.float64, reset=False)
+    X = validate_data(estimator, unmasked(X), dtype=np.float64, reset=False)
     return _one_input(estimator, X), session_slices(sessions, X.shape[0])
 
 
