@@ -31,9 +31,7 @@ def main(folder: Path) -> None:
 
     display = FreeRunDisplay.from_estimator(narx, later[["pump [V]"]], later["lower level [cm]"])
     print(display.to_frame().set_index(later.index).tail(3), end="\n\n")
-    residual = later["lower level [cm]"] - narx.predict_one_step(
-        later[["pump [V]"]], later["lower level [cm]"]
-    )
+    residual = narx.residuals(later[["pump [V]"]], later["lower level [cm]"])
     print(residual_tests(residual, later[["pump [V]"]]).verdict)
 
     # what was identified is a value: text out, the same model back

@@ -285,8 +285,9 @@ def residual_tests(
     Parameters
     ----------
     residuals : array-like of shape (n_samples,)
-        Measured output minus one-step-ahead prediction, of one output. NaN marks samples without a
-        prediction, such as the first ones of a record.
+        Measured output minus one-step-ahead prediction, of one output; where the noise is on the output,
+        minus the free run, as it colours the errors of one step. `NARXRegressor.residuals` returns those
+        that fit. NaN marks samples without a prediction, such as the first ones of a record.
     X : array-like or DataFrame of shape (n_samples, n_inputs), or None
         The inputs; NaN marks gaps. None when the system has no input.
     y : array-like of shape (n_samples,), default=None

@@ -150,7 +150,7 @@ def worse_than_mean(metrics: dict[str, float]) -> str:
 def _tests(narx, recording: Recording, chosen: np.ndarray) -> str:
     """Return what the residual tests of each output say about the fitted part."""
     X, y, sessions = recording.u[chosen], recording.y[chosen].to_numpy(), recording.sessions[chosen]
-    residuals = y - predict_one_step(narx.model_, X, y, sessions=sessions)
+    residuals = narx.residuals(X, y, sessions=sessions).reshape(y.shape)
     told = []
     for label, residual, output in zip(recording.y, residuals.T, y.T, strict=True):
         said = "The model leaves nothing over: its residuals are zero to rounding."

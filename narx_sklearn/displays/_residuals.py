@@ -56,8 +56,8 @@ class ResidualTestsDisplay:
         Parameters
         ----------
         estimator : object
-            Fitted estimator with ``predict_one_step(X, y)``, aligned with ``y`` and NaN where no
-            prediction can be made.
+            Fitted estimator with ``residuals(X, y)``, as `NARXRegressor.residuals`, or with
+            ``predict_one_step(X, y)``, aligned with ``y`` and NaN where no prediction can be made.
         X : array-like or DataFrame of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
@@ -81,18 +81,22 @@ class ResidualTestsDisplay:
         ImportError
             If matplotlib is not installed.
         TypeError
-            If the estimator has no ``predict_one_step``.
+            If the estimator has neither ``residuals`` nor ``predict_one_step``.
         ValueError
             If ``y`` has no column ``output``, or as ``residual_tests`` raises.
         """
-        if not hasattr(estimator, "predict_one_step"):
+        by_itself = hasattr(estimator, "residuals")
+        if not by_itself and not hasattr(estimator, "predict_one_step"):
             raise TypeError(
                 f"{type(estimator).__name__} has no predict_one_step(X, y), which gives the residuals. "
                 "Use ResidualTestsDisplay.from_predictions(y_true, y_pred, X)."
             )
         routed = {} if sessions is None else {"sessions": sessions}
-        y_pred = as_signals(estimator.predict_one_step(X, y, **routed), "prediction")
         y_true = as_signals(y, "y")
+        if by_itself:
+            y_pred = y_true - as_signals(estimator.residuals(X, y, **routed), "residuals")
+        else:
+            y_pred = as_signals(estimator.predict_one_step(X, y, **routed), "prediction")
         if not 0 <= output < y_true.shape[1]:
             raise ValueError(f"output is {output!r}, but y has {y_true.shape[1]} columns, counted from 0.")
         return cls.from_predictions(

@@ -7,7 +7,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._threads import single_threaded_blas
-from narx_sklearn._validation import check_indexes, check_inputs_given
+from narx_sklearn._validation import as_signals, check_indexes, check_inputs_given, check_same_length
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.batches import Stream
 from narx_sklearn.identification.choosing import compress_at_origins, estimate_again, select_best
@@ -20,6 +20,7 @@ from narx_sklearn.identification.opening import open_data, open_inputs
 from narx_sklearn.identification.posing import about, constraints_of, pose
 from narx_sklearn.identification.procedure import Problem, Selected, build_model
 from narx_sklearn.identification.record import Record
+from narx_sklearn.identification.residuals import model_residuals
 from narx_sklearn.identification.scoring import free_run_score
 from narx_sklearn.identification.settings import (
     check_settings,
@@ -488,6 +489,32 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         """
         check_indexes(X, y)
         return self._shaped(predict_k_steps(self.model_, self._inputs(X), y, steps, sessions=sessions))
+
+    def residuals(self, X, y, sessions=None):
+        """Return what the model leaves over of measured outputs, for `residual_tests`.
+
+        Measured outputs minus their predictions one step ahead; where ``noise_`` is ``"output"``, minus the
+        free run, which begins where it fits best. Noise on the output is white there, while it colours the
+        errors one step ahead of the right model too.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Measured outputs.
+        sessions : array-like of shape (n_samples,), default=None
+            One label a sample.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Residuals, in the units of the outputs; NaN where a lagged value is not known.
+        """
+        check_indexes(X, y)
+        X, y = self._inputs(X), as_signals(y, "y")
+        check_same_length(X=X, y=y, sessions=sessions)
+        return self._shaped(model_residuals(self.model_, X, y, self.noise_, sessions))
 
     def score(self, X, y, sample_weight=None, sessions=None):
         """Return R² of the free run.

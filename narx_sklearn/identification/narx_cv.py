@@ -318,6 +318,11 @@ sampling_period
         check_is_fitted(self)
         return self.best_estimator_.predict_one_step(X, y, sessions=sessions)
 
+    def residuals(self, X, y, sessions=None):
+        """Return what the model leaves over; see `NARXRegressor.residuals`."""
+        check_is_fitted(self)
+        return self.best_estimator_.residuals(X, y, sessions=sessions)
+
     def predict_k_steps(self, X, y, steps, sessions=None):
         """Predict several steps ahead; see `NARXRegressor.predict_k_steps`."""
         check_is_fitted(self)
