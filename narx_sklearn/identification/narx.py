@@ -38,6 +38,7 @@ from narx_sklearn.identification.told import (
     summary_table,
     uncertainty_of,
 )
+from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
 from narx_sklearn.model.times import step_of_rows
 
@@ -283,7 +284,8 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             ``sampling_period``; or if an array or table holds values that recorders write where nothing was
             measured (-9999, say), which are fitted as measured.
         ExcitationWarning
-            If a signal is constant, or the record so short that the terms cannot be told apart.
+            If a signal is constant, or takes two values only, so that powers of it are no candidates; or if
+            the record is so short that the terms cannot be told apart.
         DivergenceWarning
             If the free run of the model that is kept leaves the finite range on the record itself, or goes a
             thousand times as far as its outputs, and ``refine`` is not False.
@@ -305,7 +307,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
     def _fit(self, X, y, sessions):
         check_settings(self)
         record = open_data(self, X, y, sessions, reset=True)
-        problem = pose(self, record)
+        problem = without_repeated_powers(pose(self, record), record.moments, self.constraints)
         warn_of_dead(problem, record, stacklevel=3)
         constraints = constraints_of(self.constraints, problem)
         known = about(self, problem, record, record.moments)

@@ -41,6 +41,7 @@ from narx_sklearn.identification.regressors import Candidates, reach_of, remembe
 from narx_sklearn.identification.scoring import FreeRunJudge
 from narx_sklearn.identification.selection import search_terms
 from narx_sklearn.identification.settings import check_settings
+from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.metrics import DIVERGED_SCORE
 from narx_sklearn.model.recording import Layout
 from narx_sklearn.model.terms import TermLibrary
@@ -236,7 +237,9 @@ sampling_period
         for structure in structures:
             regressor = self._regressor(**structure)
             check_settings(regressor)
-            problem = pose(regressor, record)
+            problem = without_repeated_powers(
+                pose(regressor, record), record.moments, regressor.constraints, warn=False
+            )
             problems.append(problem)
             constraints.append(constraints_of(regressor.constraints, problem))
         if record.n_samples < 2:
