@@ -37,9 +37,10 @@ def two_valued(moments: Moments) -> np.ndarray:
     """
     width = np.where(moments.known > 0, moments.high - moments.low, 0.0)
     low, mean, high = (np.where(width > 0, values, 0.0) for values in moments.range)
-    missing = (high - mean) * (mean - low) - moments.square / np.maximum(moments.known, 1.0)
-    rounding = 4 * np.finfo(float).eps * np.abs(mean) * width
-    return (width > 0) & (np.abs(missing) <= EQUAL * width**2 + rounding)
+    with np.errstate(over="ignore", invalid="ignore"):  # such values are refused by who fits them
+        missing = (high - mean) * (mean - low) - moments.square / np.maximum(moments.known, 1.0)
+        rounding = 4 * np.finfo(float).eps * np.abs(mean) * width
+        return (width > 0) & (np.abs(missing) <= EQUAL * width**2 + rounding)
 
 
 def without_repeated_powers(problem: Problem, moments: Moments, constraints, *, warn: bool = True) -> Problem:
