@@ -629,7 +629,7 @@ def test_the_other_inputs_of_a_law_stand_beside_the_reference(tmp_path, monkeypa
     assert table(capsys.readouterr().out)["u"].tolist() == [0.0, 0.0, 1.0, 1.0]
     feed(monkeypatch, "y [K]\n2\n2\n")
     assert main(["compensate", "-", "--model", str(path), "--quiet"]) == 2
-    assert "The law also needs the input v" in capsys.readouterr().err
+    assert "The law also needs the input v, which no column gives; the table has" in capsys.readouterr().err
 
 
 def test_a_model_that_rests_anywhere_starts_where_the_machine_is_said_to_be_held(

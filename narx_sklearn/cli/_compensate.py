@@ -131,7 +131,10 @@ def _read_reference(options, others, dt: float | None):
     sampled = sample_evenly(table, dt=options.dt, time=time, resample=options.resample if own else None)
     _check_period(sampled.dt, dt, options)
     labels = list(sampled.frame.columns)
-    beside = [find_column(labels, name, "The law also needs the input") for name in others]
+    beside = [
+        find_column(labels, name, "The law also needs the input", lacking=", which no column gives")
+        for name in others
+    ]
     named = asked_columns(table, labels, options.r, "--r")
     labels = [label for label in labels if label not in beside]
     named = named or [name for name in labels if split_unit(name)[0].lower() in REFERENCES] or labels

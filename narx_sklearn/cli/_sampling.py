@@ -343,7 +343,7 @@ def _resampled(
     return pd.concat(parts, ignore_index=True), np.concatenate(sessions)
 
 
-def find_column(labels: list[str], asked: str, option: str) -> str:
+def find_column(labels: list[str], asked: str, option: str, *, lacking: str = " names no column") -> str:
     """Return the label that is meant by its full text, its name without the unit, or its number from 1."""
     if asked in labels:
         return asked
@@ -354,5 +354,5 @@ def find_column(labels: list[str], asked: str, option: str) -> str:
         return named[0]
     if asked.isdigit() and 1 <= int(asked) <= len(labels):
         return labels[int(asked) - 1]
-    problem = "names no column" if not named else f"may mean {named}"
-    raise UsageError(f"{option} {asked} {problem}; the table has {', '.join(map(repr, labels))}.")
+    problem = lacking if not named else f" may mean {named}"
+    raise UsageError(f"{option} {asked}{problem}; the table has {', '.join(map(repr, labels))}.")
