@@ -262,3 +262,11 @@ def test_clones_are_equal_and_unfitted():
     copy = clone(transformer)
     assert not hasattr(copy, "library_")
     assert copy.fit(system(10)).library_ == transformer.library_
+
+
+@pytest.mark.parametrize("second", [LagTransformer(), TermTransformer()])
+def test_lagged_columns_are_not_lagged_again(second):
+    signals = pd.DataFrame({"u": [1.0, 2.0, 3.0]})
+    chain = make_pipeline(LagTransformer(1).set_output(transform="pandas"), second)
+    with pytest.raises(ValueError, match=r"columns \['u\[k-1\]'\], which are lagged already"):
+        chain.fit(signals)

@@ -5,6 +5,7 @@ every signal whose past is to be used: the inputs, and the output itself as one 
 handed to ``fit`` is the same output. Only lags of at least 1 may be taken of that column.
 """
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,6 +23,20 @@ from narx_sklearn.model.times import step_of_rows
 __all__ = ["LagTransformer", "PhiTransformer", "TermTransformer"]
 
 FILLS = ("nan", "hold")
+
+
+LAGGED = re.compile(r"\[k(?:-\d+)?\]$")  # how the columns of these transformers end
+
+
+def _refuse_lagged(labels: list | None) -> None:
+    """Raise a ValueError where columns are lags of signals, which would be lagged once more."""
+    lagged = [label for label in labels or () if isinstance(label, str) and LAGGED.search(label)]
+    if lagged:
+        raise ValueError(
+            f"X holds the columns {lagged}, which are lagged already and would be lagged again. Pass the "
+            "signals themselves: LagTransformer, PhiTransformer and TermTransformer each make lags of them. "
+            "Products of these columns are made by sklearn.preprocessing.PolynomialFeatures."
+        )
 
 
 class _SignalTransformer(TransformerMixin, BaseEstimator):
@@ -44,6 +59,7 @@ class _SignalTransformer(TransformerMixin, BaseEstimator):
         """
         check_choice(self.fill, "fill", FILLS)
         labels = column_labels(X)
+        _refuse_lagged(labels)
         X = self._read(X, reset=True)
         self.signals_ = signal_names(labels if labels is not None else range(X.shape[1]), "u")
         self._prepare(labels)
