@@ -19,6 +19,7 @@ from narx_sklearn.compensation.law import (
     LawState,
     UnreachableWarning,
 )
+from narx_sklearn.compensation.model_code import model_c_source
 from narx_sklearn.compensation.physical import BoucWenCompensator, PrandtlIshlinskiiCompensator
 from narx_sklearn.compensation.roots import RootCompensator
 from narx_sklearn.compensation.stability import AmplificationWarning, LawStability, law_stability
@@ -45,6 +46,7 @@ __all__ = [
     "inverse_law",
     "isolated_law",
     "law_stability",
+    "model_c_source",
     "root_law",
     "root_polynomials",
     "run_plant",

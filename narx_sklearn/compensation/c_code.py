@@ -1,6 +1,7 @@
 """A compensation law as C: one self-contained program part for a controller."""
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,9 +58,27 @@ def c_source(law: CompensationLaw, name: str = "compensator") -> str:
     >>> "2.0*R(0) - R(1)" in c_source(law)
     True
     """
+    words = Words(
+        title=f"Compensation law. The newest row (0) is k + {law.horizon}, the input wanted is m[k].\n{law}",
+        step=f"The newest known signals ({', '.join(law.known)}, at k + {law.horizon}), return m[k].",
+        reset="Rest: input and known signals have been held at these values.",
+    )
+    return written(law, name, words)
+
+
+class Words(NamedTuple):
+    """What a program part says of itself: on top, at its step and at its reset."""
+
+    title: str
+    step: str
+    reset: str
+
+
+def written(law: CompensationLaw, name: str, words: Words) -> str:
+    """Return a law as C, with these words; see `c_source`."""
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise ValueError(f"name={name!r} is no C identifier; use letters, digits and '_'.")
-    writer = _Writer(law)
+    writer = _Writer(law, words)
     parts = [writer.header(), writer.functions(), writer.elements(), writer.solver(), writer.step()]
     return "\n".join(part for part in parts if part).replace("NAME", name)
 
@@ -67,8 +86,8 @@ def c_source(law: CompensationLaw, name: str = "compensator") -> str:
 class _Writer:
     """Puts a law's own parts into C."""
 
-    def __init__(self, law: CompensationLaw):
-        self.law = law
+    def __init__(self, law: CompensationLaw, words: Words):
+        self.law, self.words = law, words
         self.rows = law._back + 1
         self.present = self.rows - 1 - law.horizon
         self.macro = {signal: _macro(signal) for signal in law.channels}
@@ -76,7 +95,7 @@ class _Writer:
 
     def header(self) -> str:
         law = self.law
-        text = "\n".join(f" * {line}" for line in str(law).splitlines())
+        text = "\n * ".join(self.words.title.splitlines())
         limits = [
             f"#define NAME_{key} {_number(value)}"
             for key, value in (("LOW", law.limits[0]), ("HIGH", law.limits[1]), ("RATE", law.rate_limit))
@@ -87,8 +106,7 @@ class _Writer:
         ]
         width = STATE_SIZE if any(e.kind == HYSTERETIC for e in law.elements) else 1
         return (
-            f"/* Compensation law. The newest row (0) is k + {law.horizon}, the input wanted is m[k].\n"
-            f"{text}\n */\n#include <math.h>\n\n"
+            f"/* {text}\n */\n#include <math.h>\n\n"
             f"#define NAME_ROWS {self.rows}\n#define NAME_CHANNELS {len(law.channels)}\n"
             f"#define NAME_DEGREE {max(law.degree, 1)}\n#define NAME_STATE {width}\n"
             f"#define NAME_NEAREST {int(law.policy == 'nearest')}\n"
@@ -244,7 +262,7 @@ class _Writer:
             rest = f"    if ({same}) m = previous;\n    else\n"
         arguments = ", ".join(f"double known{i}" for i in range(n_known))
         lines = [
-            f"/* The newest known signals ({', '.join(law.known)}, at k + {h}), return the input m[k]. */",
+            f"/* {self.words.step} */",
             f"double NAME_step(NAME_state *s, {arguments})",
             "{",
             "    double m, limited, previous;",
@@ -273,7 +291,7 @@ class _Writer:
             "    return m;",
             "}",
             "",
-            "/* Rest: input and known signals have been held at these values. */",
+            f"/* {self.words.reset} */",
             f"void NAME_reset(NAME_state *s, double m, {arguments})",
             "{",
             "    int i, j;",
