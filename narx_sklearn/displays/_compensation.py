@@ -3,9 +3,11 @@
 import numpy as np
 import pandas as pd
 
+from narx_sklearn.compensation.inverse import InverseCompensator
 from narx_sklearn.compensation.tracking import run_plant
-from narx_sklearn.displays._style import BLUE, GREY, VERMILION, import_pyplot
+from narx_sklearn.displays._style import BLUE, GREY, VERMILION, import_pyplot, legend_above, signal_label
 from narx_sklearn.metrics import mape, nsavi
+from narx_sklearn.model.narx import NARXModel
 
 
 class CompensationDisplay:
@@ -22,11 +24,13 @@ class CompensationDisplay:
     y : ndarray of shape (n_samples,)
         Output of the plant with the compensation input.
     y_uncompensated : ndarray of shape (n_samples,), default=None
-        Output with the reference as input.
+        Output with the reference, or ``m_uncompensated``, as input.
     sampling_period : float, default=None
         Seconds between samples; None draws over samples.
     output_label, input_label : str, default="output" and "input"
         Quantities and units of the axes.
+    m_uncompensated : ndarray of shape (n_samples,), default=None
+        Input without compensation, to whose path that of ``m`` is compared (NSAVI); None is the reference.
 
     Attributes
     ----------
@@ -58,6 +62,7 @@ class CompensationDisplay:
         sampling_period=None,
         output_label="output",
         input_label="input",
+        m_uncompensated=None,
     ):
         self.reference = reference
         self.m = m
@@ -66,9 +71,10 @@ class CompensationDisplay:
         self.sampling_period = sampling_period
         self.output_label = output_label
         self.input_label = input_label
+        self.m_uncompensated = m_uncompensated
 
     @classmethod
-    def from_compensator(cls, compensator, plant, reference, *, ax=None, **labels):
+    def from_compensator(cls, compensator, plant, reference, *, uncompensated=None, ax=None, **labels):
         """Compensate a reference, run the plant with and without, and draw.
 
         Parameters
@@ -79,10 +85,15 @@ class CompensationDisplay:
             As for :func:`narx_sklearn.compensation.run_plant`.
         reference : array-like of shape (n_samples,)
             Wanted output.
+        uncompensated : array-like of shape (n_samples,), default=None
+            Input of the run without compensation, such as the reference over the plant's gain. None is the
+            reference itself, and no run where the compensator's model states that the plant's input is of
+            another unit than its output.
         ax : sequence of 3 matplotlib Axes, default=None
             Where to draw; None makes a figure.
         **labels
-            ``sampling_period``, ``output_label``, ``input_label`` of the display.
+            ``sampling_period``, ``output_label``, ``input_label`` of the display; by default those of the
+            compensator's model, where it has one.
 
         Returns
         -------
@@ -96,7 +107,15 @@ class CompensationDisplay:
         """
         r = np.asarray(reference, dtype=float).reshape(-1)
         m = compensator.predict(r)
-        return cls(r, m, run_plant(plant, m), run_plant(plant, r), **labels).plot(ax=ax)
+        machine = _machine(compensator)
+        labels = {key: value for key, (value, _) in machine.items()} | labels
+        units = {unit for _, unit in machine.values() if unit}
+        without = r if uncompensated is None else np.asarray(uncompensated, dtype=float).reshape(-1)
+        y_without = None if uncompensated is None and len(units) > 1 else run_plant(plant, without)
+        return cls(
+            r, m, run_plant(plant, m), y_without,
+            m_uncompensated=None if uncompensated is None else without, **labels,
+        ).plot(ax=ax)  # fmt: skip
 
     @property
     def errors_(self) -> np.ndarray:
@@ -136,9 +155,11 @@ class CompensationDisplay:
             loop.plot(self.reference, self.y_uncompensated, color=GREY, linewidth=1.0, label="without")
         outputs.plot(time, self.reference, color="black", linewidth=1.0, linestyle="--", label="reference")
         outputs.plot(time, self.y, color=VERMILION, linewidth=1.2, label="compensated")
-        inputs.plot(
-            time, self.m, color=BLUE, linewidth=1.2, label=f"NSAVI {nsavi(self.reference, self.m):.3g}"
-        )
+        without = self.reference if self.m_uncompensated is None else self.m_uncompensated
+        told = "input"
+        if self.m_uncompensated is not None or self.y_uncompensated is not None:
+            told = f"{nsavi(without, self.m):.3g} times the path of the input without (NSAVI)"
+        inputs.plot(time, self.m, color=BLUE, linewidth=1.2, label=told)
         loop.plot(
             self.reference, self.y, color=VERMILION, linewidth=1.2, label=f"MAPE {self.errors_[1]:.3g} %"
         )
@@ -146,7 +167,7 @@ class CompensationDisplay:
         inputs.set(ylabel=self.input_label, xlabel="time (s)" if self.sampling_period else "sample")
         loop.set(xlabel=f"reference, {self.output_label}", ylabel=self.output_label)
         for axes in self.axes_:
-            axes.legend(frameon=False, fontsize="small")
+            legend_above(axes)
         return self
 
     def to_frame(self) -> pd.DataFrame:
@@ -155,3 +176,19 @@ class CompensationDisplay:
         if self.y_uncompensated is not None:
             columns["y_uncompensated"] = self.y_uncompensated
         return pd.DataFrame(columns)
+
+
+def _machine(compensator) -> dict[str, tuple]:
+    """Return sampling period and labels that a compensator's model knows, each with its unit."""
+    model = getattr(compensator, "model_", None)
+    if not isinstance(model, NARXModel):
+        return {}
+    ends = model.outputs[0], getattr(compensator, "input_name", None) or model.inputs[0]
+    if isinstance(compensator, InverseCompensator):
+        ends = ends[::-1]  # an inverse model's output is the machine's input
+    output, input_ = ((name, model.units.get(name, "")) for name in ends)
+    return {
+        "sampling_period": (model.sampling_period, None),
+        "output_label": (signal_label(*output), output[1]),
+        "input_label": (signal_label(*input_), input_[1]),
+    }
