@@ -96,6 +96,16 @@ def test_a_size_other_than_the_minimum_is_marked_apart(plt):
     assert [label.get_text() for label in labels] == ["minimum, 1 terms", "model, 2 terms"]
 
 
+def test_the_minimum_is_not_lost_in_a_flat_line(plt):
+    sizes = np.arange(21)
+    criterion = pd.Series(np.where(sizes < 4, 13_000.0 - 15_000.0 * sizes, (sizes - 12.0) ** 2 - 48_000.0))
+    path = SelectionPathDisplay(pd.Series([0.9], index=["a"]), criterion).plot().axes_[1]
+    low, high = path.get_ylim()
+    assert low < -48_000.0  # the minimum, at 12 terms, and all from 4 on
+    assert criterion[4:].between(low, high).all()
+    assert high < -47_900.0
+
+
 def test_what_cannot_be_drawn_is_said(plt, narx, record):
     X, y = record
     with pytest.raises(TypeError, match="ErrSelector has no model_"):

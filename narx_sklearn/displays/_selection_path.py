@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.displays._style import BLUE, GREY, VERMILION, check_axes, import_pyplot
+from narx_sklearn.displays._style import BLUE, GREY, VERMILION, check_axes, import_pyplot, legend_above
 
 
 class SelectionPathDisplay:
@@ -87,6 +87,9 @@ class SelectionPathDisplay:
     def plot(self, ax=None):
         """Draw the ratios as bars on a logarithmic axis, and the criterion with its minimum.
 
+        The first few terms take off so much that the minimum would be lost in a flat line: sizes far below
+        it leave the axes at the top.
+
         Parameters
         ----------
         ax : sequence of 2 matplotlib Axes, default=None
@@ -120,8 +123,8 @@ class SelectionPathDisplay:
         path.axvline(best, color=GREY, linestyle="--", linewidth=1, label=f"minimum, {best} terms")
         if chosen != best:
             path.axvline(chosen, color=VERMILION, linewidth=1, label=f"model, {chosen} terms")
-        path.set(xlabel="number of terms", ylabel=self.name.upper())
-        path.legend(frameon=False, fontsize="small")
+        path.set(xlabel="number of terms", ylabel=self.name.upper(), ylim=_range_round(self.criterion, best))
+        legend_above(path)
         return self
 
     def to_frame(self) -> pd.DataFrame:
@@ -131,6 +134,13 @@ class SelectionPathDisplay:
         ranked.columns = ["term", "err"]
         ranked.index = pd.RangeIndex(1, len(ranked) + 1)
         return frame.join(ranked)
+
+
+def _range_round(criterion: pd.Series, best: int) -> tuple[float, float]:
+    """Return limits that hold the criterion from a third of the best size on, with a margin."""
+    shown = criterion[(criterion.index >= best // 3) & np.isfinite(criterion)]
+    margin = 0.05 * (shown.max() - shown.min()) or 1.0
+    return shown.min() - margin, shown.max() + margin
 
 
 def _names(estimator, count: int) -> list[str]:
