@@ -21,7 +21,7 @@ EQUAL = 1e-12  # share of the squared range: far above rounding, below one sampl
 
 
 def two_valued(moments: Moments) -> np.ndarray:
-    """Tell of each signal whether it takes exactly two values.
+    """Tell of each signal whether it takes exactly two values, in more than two samples.
 
     Of all distributions between a least and a largest value only those at these two have the variance
     (largest - mean) (mean - least) (Bhatia and Davis 2000), so sums over a record are enough.
@@ -35,7 +35,7 @@ def two_valued(moments: Moments) -> np.ndarray:
     >>> two_valued(Moments.of(np.column_stack([switch, ramp]), np.column_stack([still]))).tolist()
     [False, True, False]
     """
-    width = np.where(moments.known > 0, moments.high - moments.low, 0.0)
+    width = np.where(moments.known > 2, moments.high - moments.low, 0.0)
     low, mean, high = (np.where(width > 0, values, 0.0) for values in moments.range)
     with np.errstate(over="ignore", invalid="ignore"):  # such values are refused by who fits them
         missing = (high - mean) * (mean - low) - moments.square / np.maximum(moments.known, 1.0)
