@@ -42,8 +42,19 @@ def fit(X, y, simulator=SIM, **settings):
 @pytest.fixture(scope="module")
 def fitted():
     """A diagnosis of the frames, and what it wrote on the way."""
+    return told_while(X_FRAME, Y_FRAME)
+
+
+@pytest.fixture(scope="module")
+def swapped():
+    """The same of outputs in another order, which was asked to tell its stages, and that frame."""
+    frame = Y_FRAME.iloc[:, ::-1].assign(temperature=20.0)
+    return *told_while(X_FRAME, frame, verbose=True), frame
+
+
+def told_while(X, y, **settings):
     with redirect_stderr(StringIO()) as told:
-        dx = fit(X_FRAME, Y_FRAME)
+        dx = fit(X, y, **settings)
     return dx, told.getvalue()
 
 
@@ -90,14 +101,13 @@ def test_columns_of_one_name_are_refused_unless_one_has_the_unit():
         SIM.simulate(pd.concat([X_FRAME, X_FRAME], axis=1))
 
 
-def test_a_diagnosis_of_outputs_in_another_order_is_the_same(fitted):
+def test_a_diagnosis_of_outputs_in_another_order_is_the_same(fitted, swapped):
     dx, _ = fitted
-    swapped = Y_FRAME.iloc[:, ::-1].assign(temperature=20.0)
-    again = fit(X_FRAME, swapped)
+    again, _, frame = swapped
     assert again.verdict_ == dx.verdict_
     assert again.parameters_.equals(dx.parameters_)
-    assert dx.score(X_FRAME, swapped) == dx.score(U, Y)
-    assert np.array_equal(dx.predict(X_FRAME, y_init=swapped[:20]), dx.predict(U, y_init=Y[:20]))
+    assert dx.score(X_FRAME, frame) == dx.score(U, Y)
+    assert np.array_equal(dx.predict(X_FRAME, y_init=frame[:20]), dx.predict(U, y_init=Y[:20]))
 
 
 # -- units -------------------------------------------------------------------------------------------------
@@ -308,7 +318,8 @@ def test_a_simulation_that_depends_on_nothing_given_is_refused():
     with pytest.raises(ValueError, match=r"inputs \['u \[V\]'\] and none of the parameters \['a'\] changes"):
         fit(U, Y[:, 1], sim)
     taken = ODESimulator(lambda x, u, p: (p[0] * u[0] - x[0], x[0] - x[1]), parameters={"a": 0.0}, **about)
-    fit(U, Y[:, 1], taken)  # with a gain of zero the input does nothing yet
+    y = taken.with_parameters([0.5]).simulate(U)[:, 0] + Y[:, 1] - SIM.simulate(U)[:, 1]
+    fit(U, y, taken)  # with a gain of zero the input does nothing yet
 
 
 # -- settings and progress ---------------------------------------------------------------------------------
@@ -335,9 +346,9 @@ def test_settings_of_a_wrong_kind_are_refused(settings, error, words):
         DiscrepancyRegressor(SIM, **settings).fit(U, Y)
 
 
-def test_stages_are_told_a_line_each_where_there_is_no_terminal(fitted, capsys):
-    dx = fit(U, Y, verbose=True)
-    told = capsys.readouterr().err.splitlines()
+def test_stages_are_told_a_line_each_where_there_is_no_terminal(fitted, swapped):
+    dx, told, _ = swapped
+    told = told.splitlines()
     assert told[0] == "[narx_sklearn] check of the record"
     assert "[narx_sklearn] location" in told
     assert not hasattr(dx, "_show")  # nothing of the bar stays in what may be pickled
