@@ -186,13 +186,14 @@ def test_short_records_are_told_with_the_length_that_is_wanted():
 
 
 def test_recordings_that_were_joined_are_told_unless_they_are_labelled():
-    (u, first), (more, second) = record(0), record(1)
+    n = N // 2
+    (u, first), (more, second) = record(0, n), record(1, n)
     u, y = np.concatenate([u, more]), np.concatenate([first - 2.0, second + 2.0])
     found = {f.code: f for f in check_record(nominal(), u, y)}["jump"]
-    assert found.evidence["samples"] == [N]
-    assert f"jumps by {(y[N] - y[N - 1]).item():.3g}, at sample {N} (60 s)" in found.sentence
+    assert found.evidence["samples"] == [n]
+    assert f"jumps by {(y[n] - y[n - 1]).item():.3g}, at sample {n} (30 s)" in found.sentence
     assert "label them in sessions" in found.sentence
-    assert "jump" not in {f.code for f in check_record(nominal(), u, y, sessions=np.repeat([0, 1], N))}
+    assert "jump" not in {f.code for f in check_record(nominal(), u, y, sessions=np.repeat([0, 1], n))}
 
 
 def test_what_comes_back_was_held_or_jumps_in_the_simulation_is_no_jump():
