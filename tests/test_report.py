@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from copy import copy
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -148,10 +149,35 @@ def test_hostile_names_stay_text(hostile_page):
     assert any(HOSTILE in text for picture in pictures for text in Page(picture).text)
 
 
+@cache
+def of_a_single_state(driven):
+    """Return the diagnosis of something that cools, with nothing missing, and its page."""
+
+    def cooling(x, u, p):
+        return (-p[0] * x[0],)
+
+    def heated(x, u, p):
+        return (u[0] - p[0] * x[0],)
+
+    simulator = ODESimulator(
+        heated if driven else cooling,
+        dt=0.1,
+        parameters={"rate [1/s]": 0.1},
+        states=["excess [K]"],
+        inputs=["heater [K/s]"] if driven else [],
+        outputs=["reading [mV]"],
+        output=lambda x, u, p: (2.0 * x[0],),
+    )
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(400, int(driven)))
+    y = simulator.with_parameters(np.array([0.12])).simulate(u, [20.0]) + 0.05 * rng.normal(size=(400, 1))
+    dx = DiscrepancyRegressor(simulator, effects=["quadratic_drag"]).fit(u, y)
+    return dx, render_report(dx, u, y)
+
+
 def test_a_consistent_simulation_gets_a_report_without_findings():
-    dx, u, y = diagnosed(stage, effects=["cubic_stiffness"])
+    dx, page = of_a_single_state(driven=True)
     assert dx.verdict_ in ("refit", "consistent")
-    page = render_report(dx, u, y)
     assert "No effect was added." in page
 
 
@@ -172,7 +198,7 @@ def test_both_reports_tell_of_parameters_that_only_do_something_together(case):
     assert case[0].parameters_["told_alone"].all()
 
 
-def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
+def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case, page):
     dx, u, y = case
     told = copy(dx)
     told.findings_ = [replace(dx.findings_[0], during=(10.0, 25.5)), *dx.findings_[1:]]
@@ -182,7 +208,7 @@ def test_the_page_tells_when_an_effect_acts_and_what_names_leave(case):
     text = " ".join(Page(render_report(told, u, y)).text)
     assert f"{dx.findings_[0].place}, from 10 s to 25.5 s" in text
     assert "What these leave is no noise. It comes in bursts." in text
-    assert "no noise" not in " ".join(Page(render_report(*case)).text)
+    assert "no noise" not in " ".join(Page(page).text)
 
 
 def test_both_reports_say_how_much_a_name_that_stands_leaves(case):
@@ -240,26 +266,7 @@ def test_runs_of_an_unstable_machine_are_those_that_were_scored():
 
 @pytest.mark.parametrize("driven", [False, True])
 def test_the_mismatch_of_a_single_state_is_drawn_over_the_input_or_over_time(driven):
-    def cooling(x, u, p):
-        return (-p[0] * x[0],)
-
-    def heated(x, u, p):
-        return (u[0] - p[0] * x[0],)
-
-    simulator = ODESimulator(
-        heated if driven else cooling,
-        dt=0.1,
-        parameters={"rate [1/s]": 0.1},
-        states=["excess [K]"],
-        inputs=["heater [K/s]"] if driven else [],
-        outputs=["reading [mV]"],
-        output=lambda x, u, p: (2.0 * x[0],),
-    )
-    rng = np.random.default_rng(0)
-    u = rng.normal(size=(400, int(driven)))
-    y = simulator.with_parameters(np.array([0.12])).simulate(u, [20.0]) + 0.05 * rng.normal(size=(400, 1))
-    dx = DiscrepancyRegressor(simulator, effects=["quadratic_drag"]).fit(u, y)
-    page = render_report(dx, u, y)
+    _, page = of_a_single_state(driven=driven)
     assert f"Where in {'heater [K/s]' if driven else 'time [s]'} and reading [mV] the mismatch is" in page
 
 
@@ -281,7 +288,7 @@ def test_headings_of_where_say_what_the_numbers_are(case):
     assert "the unknown signal at the likeliest place" in first.caption
 
 
-def test_what_held_out_data_spoke_against_is_told_and_drawn_as_it_was_scored(case):
+def test_what_held_out_data_spoke_against_is_told_and_drawn_as_it_was_scored(case, page):
     """The corrected simulation then has refitted parameters alone; the scores are of what was tried."""
     dx, u, y = case
     refuted = copy(dx)
@@ -290,7 +297,7 @@ def test_what_held_out_data_spoke_against_is_told_and_drawn_as_it_was_scored(cas
     (part,) = gather(refuted, u, y).held_out
     errors = y[part.rows][part.n_init :] - part.y["augmented"][part.n_init :, 0]
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(dx.scores_["rmse"]["augmented"], rel=1e-9)
-    told, usual = (" ".join(Page(render_report(one, u, y)).text) for one in (refuted, dx))
+    told, usual = (" ".join(Page(text).text) for text in (render_report(refuted, u, y), page))
     assert "held-out error, with what was found" in told
     assert (
         "held-out data speak against it, and the corrected simulation has refitted parameters alone" in told
@@ -422,8 +429,8 @@ def test_a_limit_that_nothing_reached_is_not_told_as_a_number():
     assert row[1] == "not told"
 
 
-def test_a_finding_tells_how_much_it_adds_along_the_record(case):
-    dx, u, y = case
+def test_a_finding_tells_how_much_it_adds_along_the_record(case, page):
+    dx, _, y = case
     (finding,) = dx.findings_
     position = y[: int(0.8 * len(y))]
     low, high = finding.adds
@@ -431,7 +438,7 @@ def test_a_finding_tells_how_much_it_adds_along_the_record(case):
     assert low == pytest.approx(-finding.parameters["k3"] * position.max() ** 3, rel=0.15)
     told = f"Along this record: {low:.3g} to {high:.3g} m/s^2 added to the rate of velocity."
     assert told in dx.report_
-    assert told in render_report(dx, u, y)
+    assert told in page
 
 
 def test_each_finding_has_its_own_curve_whatever_acts_first(case):
