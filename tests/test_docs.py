@@ -18,7 +18,14 @@ if not (DOCS / "conf.py").is_file():
 PAGES = sorted(path for path in DOCS.rglob("*.rst") if not {"generated", "_build"} & set(path.parts))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+DIAGNOSES = DOCS / "guide" / "diagnose.rst"  # three of them: what they find default tests find too
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.long) if page == DIAGNOSES else page for page in PAGES],
+    ids=lambda path: path.stem,
+)
 def test_the_code_on_the_page_does_what_the_page_says(page):
     found = doctest.testfile(str(page), module_relative=False, optionflags=doctest.REPORT_ONLY_FIRST_FAILURE)
     assert not found.failed
