@@ -842,6 +842,7 @@ def test_recordings_of_two_periods_are_refused(tmp_path, monkeypatch, capsys):
     assert "Pass --resample 0.2, or mend the unit" in told
 
 
+@pytest.mark.long
 def test_diagnose_takes_a_simulated_trace_with_semicolons_and_decimal_commas(bench, capsys, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO((bench / "trace.csv").read_bytes())))
     arguments = ["--u", "drive", "--y", "position", "--y-sim", "y_sim", FEW, "--json", "-"]

@@ -130,6 +130,7 @@ def test_motion_of_one_size_is_not_extrapolated():
     assert "quiet motion" not in found.report_
 
 
+@pytest.mark.long
 def test_a_consistent_simulation_has_nothing_to_extrapolate():
     u, y = recorded(stage)
     found = DiscrepancyRegressor(made(stage, TRUTH), effects=["cubic_stiffness"]).fit(u, y)
@@ -137,6 +138,7 @@ def test_a_consistent_simulation_has_nothing_to_extrapolate():
     assert found.extrapolation_.empty
 
 
+@pytest.mark.long
 def test_a_drift_is_not_extrapolated():
     u, y = recorded(stage)
     y += 0.2 * np.linspace(0, 1, len(y))[:, None]

@@ -354,7 +354,13 @@ class TestLookAlikes:
                 "in the equation of velocity",
                 "on the output position",
             ),
-            ("lag", (0.06, 0.0, 0.0), "on the input drive", "on the output position"),
+            pytest.param(
+                "lag",
+                (0.06, 0.0, 0.0),
+                "on the input drive",
+                "on the output position",
+                marks=pytest.mark.long,
+            ),
         ],
     )
     def test_of_two_places_that_are_one_to_linear_equations_the_first_is_told_with_the_other(

@@ -99,8 +99,12 @@ class TestScores:
         return DiscrepancyRegressor(make_axis(), effects=["cubic_stiffness"]).fit(*record)
 
     @pytest.mark.parametrize(
-        "gap", [slice(724, 728), slice(840, 852)]
-    )  # where the initial state is fitted, after
+        "gap",
+        [
+            slice(724, 728),  # where the initial state is fitted
+            pytest.param(slice(840, 852), marks=pytest.mark.long),  # after
+        ],
+    )
     def test_a_short_gap_changes_next_to_nothing(self, record, whole, gap):
         u, y = record
         gapped = y.copy()
