@@ -26,6 +26,9 @@ def pytest_cmdline_main(config):
     can_spread = config.pluginmanager.hasplugin("xdist") and not is_worker
     if is_whole and can_spread and config.option.numprocesses is None:
         config.option.numprocesses, config.option.dist = cpu_count(), "loadfile"
+        # xdist would begin with the files of most tests, and keep whole diagnoses, long and few, for the end,
+        # when other workers have nothing left; as collected, doctests come last, in many small files
+        config.option.loadscopereorder = False
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each worker: together they have all cores already
 
 
