@@ -64,6 +64,7 @@ def test_a_bound_that_excludes_the_truth_is_told_and_no_physics_is_named():
     assert low < 4.4 < high
 
 
+@pytest.mark.long
 def test_bounds_that_hold_the_truth_say_nothing_where_physics_is_missing():
     u, y = recorded(equations=hard_oscillator)
     dx = DiscrepancyRegressor(bounded(4.6, 4.2), effects=EFFECTS).fit(u, y)

@@ -14,7 +14,8 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SCRIPTS = sorted(path for path in EXAMPLES.glob("*.py") if not path.name.startswith("_"))
 EMPTY_FIGURE = 5_000  # bytes; none of ours is as small
-SLOW = {"concealed_effect", "emps_friction", "own_effect", "tanks_overflow"}  # whole diagnoses
+# whole diagnoses
+SLOW = {"concealed_effect", "emps_friction", "own_effect", "simulink_trace", "tanks_overflow"}
 
 
 def exit_code(script):

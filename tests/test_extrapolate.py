@@ -121,6 +121,7 @@ def test_what_quiet_motion_does_not_show_is_not_extrapolated():
     assert "does not show in quiet motion" in found.report_
 
 
+@pytest.mark.long
 def test_motion_of_one_size_is_not_extrapolated():
     t = 0.05 * np.arange(2000)
     u = 3 * np.sin(2.0 * t)

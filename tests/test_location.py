@@ -54,7 +54,10 @@ def drive(n=3000, seed=0):
 @pytest.mark.parametrize(
     ("rhs", "effect", "signal", "edge", "above", "off"),
     [
-        (with_stop, "clearance", "|position [m]|", GAP, True, 0.02),  # as its own parameters say
+        pytest.param(
+            *(with_stop, "clearance", "|position [m]|", GAP, True, 0.02),  # as its own parameters say
+            marks=pytest.mark.long,
+        ),
         pytest.param(
             *(limited, "input_saturation", "|drive [V]|", LIMIT, True, 0.1),  # where its corner is rounded
             marks=pytest.mark.long,

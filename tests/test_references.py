@@ -149,7 +149,7 @@ class TestCountedFromNearby:
         (product,) = [p for p in placed if p.effect.code == "bilinear_input"]
         np.testing.assert_allclose(product.bounds[1:], [reference_limits(run.x), reference_limits(u)])
 
-    @pytest.mark.parametrize("seed", [0, 1])
+    @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), 1])
     def test_a_drift_of_the_sensor_is_told_as_one(self, seed):
         rng = np.random.default_rng(seed)
         u = np.repeat(rng.uniform(30.0, 55.0, 60), 25)[:, None]

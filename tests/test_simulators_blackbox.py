@@ -303,7 +303,10 @@ def test_representation_names_the_program_and_its_parameters():
 @pytest.mark.filterwarnings("ignore:The twin of the simulator misses")
 @pytest.mark.parametrize(
     ("lags", "code", "cubic", "push", "verdict"),
-    [(2, "cubic_stiffness", 0.05, 0.0, "explained"), (1, "constant_load", 0.0, 0.03, "unknown")],
+    [
+        pytest.param(2, "cubic_stiffness", 0.05, 0.0, "explained", marks=pytest.mark.long),
+        (1, "constant_load", 0.0, 0.03, "unknown"),
+    ],
 )
 def test_an_effect_smaller_than_what_the_twin_misses_is_not_believed(lags, code, cubic, push, verdict):
     """A resonance, of which a twin of one lag misses the most."""
