@@ -8,9 +8,8 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_of_a_sensor
-from narx_sklearn.discrepancy.search.explain import FINE
 from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
