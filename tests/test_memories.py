@@ -159,7 +159,7 @@ def test_a_reading_that_stays_where_it_turned():
 def test_a_supply_that_sags_is_a_law_and_no_drift_with_saturation():
     dx, finding = diagnosed(*recorded(Sagging(), np.random.default_rng(0)))
     assert (dx.verdict_, finding.port) == ("unknown", "input:0")
-    assert dx.diagnosis_.best.effects[0].effect.code in (WORKED, WORKED_BY_SQUARE)
+    assert dx.conclusion_.diagnosis.best.effects[0].effect.code in (WORKED, WORKED_BY_SQUARE)
     assert finding.parameters["T"] == pytest.approx(12.0, rel=0.25)
 
 

@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
-from narx_sklearn.discrepancy.stages.laws import best_product
+from narx_sklearn.discrepancy.stages.laws import best_laws
 from narx_sklearn.discrepancy.stages.stretches import Stretches
 from narx_sklearn.discrepancy.stages.told_law import left_by_law
 
@@ -175,7 +175,8 @@ def recorded_coil(fall):
 
 def test_a_law_that_no_test_has_asked_for_pays_for_all_that_were_tried():
     problem, refitted, structure = recorded_coil(fall=2e-4)
-    law = best_product(problem, refitted, refitted, structure)
+    laws = best_laws(problem, refitted, refitted, structure)
+    law = next(law for law in laws if law.effects[-1].effect.code in (PRODUCT, WITH_SQUARE))
     nothing = Candidate(refitted, problem.n_seen)
     gained = refitted.cost - law.fit.cost
     assert 6.0 < gained < 20.0

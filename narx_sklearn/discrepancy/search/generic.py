@@ -42,6 +42,7 @@ ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unn
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING = "unnamed_dependence"  # of a parameter
+ONE_PLACE = "unnamed_force_near_one_place"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
 UNNAMED = (
@@ -62,6 +63,7 @@ UNNAMED = (
     WORKED_BY_SQUARE,
     TWO_SPEEDS,
     LOOP,
+    ONE_PLACE,
 )
 TITLES = {
     CURVE: "a curve that the catalogue does not hold",
@@ -82,6 +84,7 @@ TITLES = {
     WORKED_BY_SQUARE: "a gain that depends on what went before",
     TWO_SPEEDS: "a lag that is slower one way",
     LOOP: "a reading that depends on where it last turned",
+    ONE_PLACE: "a force near one place",
 }
 SENTENCES = {
     DAMPED: "What is hit gives way.",
@@ -103,6 +106,8 @@ SENTENCES = {
     "point, either way: as where an inertia, a capacity or an inductance is not constant.",
     VARYING: "What the simulation has as a constant changes with a signal, wherever it stands in the "
     "equations.",
+    ONE_PLACE: "Something acts near one value of this signal and hardly elsewhere, as a detent, a magnet or "
+    "a rough spot does.",
     WORKED: "What goes through here is weaker, or stronger, the harder it worked shortly before, as where a "
     "supply sags.",
     WORKED_BY_SQUARE: "What goes through here is weaker, or stronger, the more power it took shortly before, "

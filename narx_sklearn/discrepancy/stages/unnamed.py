@@ -23,7 +23,7 @@ from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.knots import drawn_again
-from narx_sklearn.discrepancy.stages.laws import best_memory, best_product, best_storage
+from narx_sklearn.discrepancy.stages.laws import best_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 
@@ -43,9 +43,9 @@ def best_unnamed(
     """Return the best curve at any port, fitted from the refit and the parameters that go with the names.
 
     So are forces that go as a power, but one that an effect has which is ``known``, or as a product, storages
-    that change, and what remembers at an input or output. All act beside what the refit has already. Beside
-    what acts for a while, curves are tried that do too, and a change of the simulator's own parameters
-    meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
+    that change, what acts near one place, and what remembers at an input or output. All act beside what the
+    refit has already. Beside what acts for a while, curves are tried that do too, and a change of the
+    simulator's own parameters meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -60,12 +60,10 @@ def best_unnamed(
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
-    product = best_product(problem, refitted, beside, structure, settings.n_jobs)
-    storage = best_storage(problem, refitted, beside, structure, settings.n_jobs)
-    memory = best_memory(problem, refitted, beside, structure, settings.n_jobs)
     curve = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]]
-    laws = [*curve, power, product, storage, memory]
-    return min((law for law in laws if law is not None), key=lambda c: c.criterion, default=None)
+    laws = curve + best_laws(problem, refitted, beside, structure, settings.n_jobs)
+    laws += [power] if power is not None else []
+    return min(laws, key=lambda c: c.criterion, default=None)
 
 
 def simplified(problem: Problem, candidate: Candidate) -> Candidate:
