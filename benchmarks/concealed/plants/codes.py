@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-__all__ = ["CATALOGUE", "FRICTIONS", "OUTSIDE", "Code", "Kind"]
+__all__ = ["CATALOGUE", "FRICTIONS", "FURTHER_OUTSIDE", "OUTSIDE", "Code", "Kind"]
 
 
 class Kind(IntEnum):
@@ -70,9 +70,22 @@ class Code(IntEnum):
     radiation_loss = 112
     wandering_load = 113
 
+    # Outside it too, and kept from those who improve the diagnosis.
+    burst_firing = 200
+    supply_ripple = 201
+    snap_action = 202
+    recovering_softening = 203
+    saturating_core = 204
+    switching_outlet = 205
+    unbalance = 206
+    lost_counts = 207
+    resynchronised_clock = 208
+    loaded_potentiometer = 209
+
 
 CATALOGUE = tuple(code for code in Code if code < 100)
-OUTSIDE = tuple(code for code in Code if code >= 100)
+OUTSIDE = tuple(code for code in Code if 100 <= code < 200)
+FURTHER_OUTSIDE = tuple(code for code in Code if code >= 200)
 FRICTIONS = (
     Code.coulomb_friction,
     Code.asymmetric_friction,

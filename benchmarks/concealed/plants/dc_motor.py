@@ -72,5 +72,9 @@ MACHINE = Machine(
         Code.auto_ranging_sensor: (on_output(0),),
         Code.sensor_memory: (on_output(0),),
         Code.sensor_ripple: (on_output(1),),
+        Code.burst_firing: (on_input(),),
+        Code.supply_ripple: (on_input(),),
+        Code.saturating_core: (on_state(0, 0),),
+        Code.resynchronised_clock: (on_output(1),),
     },
 )

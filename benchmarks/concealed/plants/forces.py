@@ -74,6 +74,12 @@ def force(code, theta, x, v, w, u, t, z):
         return -s * ((1.0 + x / theta[1]) ** 4 - 1.0)
     if code == Code.wandering_load:  # three incommensurate beats, none of them a line of the input
         return s * np.sin(theta[1] * t + 2.0 * np.sin(0.37 * theta[1] * t)) * np.cos(0.21 * theta[1] * t)
+    if code == Code.recovering_softening:  # rubber, soft up to where it was lately stretched
+        return s * x * z[0] / theta[2]
+    if code == Code.switching_outlet:  # a siphon, a fan, a gas discharge: on while z[0] is 1
+        return -s * x * z[0]
+    if code == Code.unbalance:  # a centrifugal force that turns with the position
+        return s * v * v * np.sin(theta[1] * x + theta[2])
     return 0.0
 
 
@@ -95,9 +101,11 @@ def friction(code, theta, v, w):
 
 @njit(cache=True, nogil=True)
 def stiffening(code, theta, x):
-    """Return the factor on the whole rate of the state: an inertia that depends on the position."""
+    """Return the factor on the whole rate of the state: an inertia or inductance that depends on `x`."""
     if code == Code.variable_inertia:
         return 1.0 / (1.0 + theta[0] * (x / theta[1]) ** 2)
+    if code == Code.saturating_core:  # Froelich's curve: the flux is i / (1 + |i|)
+        return (1.0 + theta[0] * abs(x) / theta[1]) ** 2
     return 1.0
 
 
@@ -125,3 +133,10 @@ def remember(code, theta, x_old, x_new, v, u, h, z):
             # exact along a step of one direction: z runs into +-1 as 1 - exp(-distance / reach)
             end = 1.0 if dx > 0.0 else -1.0
             z[j] = end + (z[j] - end) * np.exp(-abs(dx) / reach)
+    elif code == Code.recovering_softening:  # the largest deflection, slowly forgotten
+        z[0] = max(abs(x_new), z[0] * np.exp(-h / theta[1]))
+    elif code == Code.switching_outlet:  # on above theta[1], off below theta[2]
+        if abs(x_new) > theta[1]:
+            z[0] = 1.0
+        elif abs(x_new) < theta[2]:
+            z[0] = 0.0

@@ -74,5 +74,8 @@ MACHINE = Machine(
         Code.two_speed_lag: (on_input(),),
         Code.wandering_load: (_casing,),
         Code.sensor_memory: (on_output(0),),
+        Code.burst_firing: (on_input(),),
+        Code.switching_outlet: (_casing,),
+        Code.resynchronised_clock: (on_output(0), on_output(1)),
     },
 )

@@ -55,4 +55,15 @@ def act(code, theta, u, t, h, z):
         tau = theta[0] if d > z[0] else theta[1]
         z[0] += (d - z[0]) * (1.0 - np.exp(-h / tau))
         d = z[0]
+    elif code == Code.burst_firing:  # a share theta[0] of the power comes as all or nothing, once a cycle
+        phase = t / theta[1]
+        full = theta[2] if phase - np.floor(phase) < 0.5 + 0.5 * d / theta[2] else -theta[2]
+        d += theta[0] * (full - d)
+    elif code == Code.supply_ripple:  # a rectified supply: charged at once, then emptied until the next peak
+        phase = t / theta[1] + theta[2]
+        d *= 1.0 + theta[0] * (0.5 - (phase - np.floor(phase)))
+    elif code == Code.snap_action:  # an over-centre spring that adds its force on the side it last went to
+        if abs(d) > theta[1]:
+            z[0] = np.sign(d)
+        d += theta[0] * z[0]
     return theta[7] + d

@@ -84,5 +84,10 @@ MACHINE = Machine(
         Code.auto_ranging_sensor: (on_output(),),
         Code.sensor_memory: (on_output(),),
         Code.sensor_ripple: (on_output(),),
+        Code.snap_action: (on_input(),),
+        Code.supply_ripple: (on_input(),),
+        Code.recovering_softening: (_body,),
+        Code.lost_counts: (on_output(),),
+        Code.loaded_potentiometer: (on_output(),),
     },
 )

@@ -70,5 +70,10 @@ MACHINE = Machine(
         Code.shocks: (_arm,),
         Code.auto_ranging_sensor: (on_output(),),
         Code.sensor_ripple: (on_output(),),
+        Code.snap_action: (on_input(),),
+        Code.recovering_softening: (_arm,),
+        Code.unbalance: (_arm,),
+        Code.lost_counts: (on_output(),),
+        Code.loaded_potentiometer: (on_output(),),
     },
 )

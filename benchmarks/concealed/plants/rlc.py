@@ -72,5 +72,9 @@ MACHINE = Machine(
         Code.auto_ranging_sensor: (on_output(),),
         Code.sensor_memory: (on_output(),),
         Code.sensor_ripple: (on_output(),),
+        Code.supply_ripple: (on_input(),),
+        Code.saturating_core: (on_state(1, 1),),
+        Code.switching_outlet: (on_state(0, 0),),
+        Code.resynchronised_clock: (on_output(0),),
     },
 )

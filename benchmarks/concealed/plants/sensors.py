@@ -9,8 +9,8 @@ __all__ = ["at_rest_remembered", "sense"]
 
 
 def at_rest_remembered(code, y):
-    """Return the memory of a sensor that has long read `y`: the reading, and a core never magnetised."""
-    return (0.0, y, y) if code == Code.sensor_memory else (y, y, y)
+    """Return the memory of a sensor that has long read `y`: the reading, and no magnetism, no lost count."""
+    return (0.0, y, y) if code in (Code.sensor_memory, Code.lost_counts) else (y, y, y)
 
 
 @njit(cache=True, nogil=True)
@@ -51,4 +51,17 @@ def sense(code, theta, y, t, dt, z):
         return y + s * z[0]
     if code == Code.sensor_ripple:  # interpolation error of a scale, periodic in what is measured
         return y + s * (np.sin(theta[1] * y) - 0.4 * np.cos(2.0 * theta[1] * y))
+    if code == Code.lost_counts:  # an encoder that misses a share of what is faster than theta[1]
+        over = abs(y - z[1]) - theta[1] * dt
+        if over > 0.0:
+            z[0] += s * over * np.sign(y - z[1])
+        z[1] = y
+        return y - z[0]
+    if code == Code.resynchronised_clock:  # runs away from the other by theta[0], set right every theta[1]
+        slope = (y - z[0]) / dt
+        z[0] = y
+        return y + s * (t / theta[1] - np.floor(t / theta[1]) - 0.5) * slope
+    if code == Code.loaded_potentiometer:  # theta[1]: its lower end, theta[2]: its length
+        r = (y - theta[1]) / theta[2]
+        return theta[1] + theta[2] * r / (1.0 + s * r * (1.0 - r))
     return y

@@ -65,5 +65,9 @@ MACHINE = Machine(
         Code.supply_sag: (on_input(),),
         Code.two_speed_lag: (on_input(),),
         Code.sensor_ripple: (on_output(),),
+        Code.supply_ripple: (on_input(),),
+        Code.unbalance: (_slide,),
+        Code.lost_counts: (on_output(),),
+        Code.loaded_potentiometer: (on_output(),),
     },
 )

@@ -104,5 +104,19 @@ def _numbers(code, s, k):
         Code.sensor_ripple: lambda: (s * k.y_std, turn * (2.0 + 2.0 * a) / k.y),
         Code.radiation_loss: lambda: (s * k.rate, 293.15),
         Code.wandering_load: lambda: (s * k.rate, turn * k.band * (0.2 + 0.3 * a)),
+        Code.burst_firing: lambda: (s, (0.4 + 0.4 * a) / k.band, k.u),
+        Code.supply_ripple: lambda: (s, 1.0 / (k.band * (0.3 + 0.5 * a)), b),
+        Code.snap_action: lambda: (s * k.u, (0.1 + 0.15 * a) * k.u),
+        Code.recovering_softening: lambda: (s * k.rate / k.x, k.slow * (2.0 + 3.0 * a), k.x),
+        Code.saturating_core: lambda: (s, k.x),
+        Code.switching_outlet: lambda: (
+            s * k.rate / (k.x_rest + k.x),
+            k.x_rest + (0.3 + 0.15 * a) * k.x,
+            k.x_rest + (0.05 + 0.1 * b) * k.x,
+        ),
+        Code.unbalance: lambda: (s * k.rate / k.v**2, turn * (1.0 + a) / k.x, turn * b),
+        Code.lost_counts: lambda: (s / (1.0 + s), (0.8 + 0.4 * a) * k.rate),
+        Code.resynchronised_clock: lambda: (0.1 * s / k.band, k.duration / (6.0 + 4.0 * a)),
+        Code.loaded_potentiometer: lambda: (s, low - 0.25 * (high - low), 1.5 * (high - low)),
     }
     return table[code]()

@@ -78,5 +78,8 @@ MACHINE = Machine(
         Code.wandering_load: (_load,),
         Code.supply_sag: (on_input(),),
         Code.sensor_ripple: (on_output(),),
+        Code.supply_ripple: (on_input(),),
+        Code.unbalance: (_load,),
+        Code.lost_counts: (on_output(),),
     },
 )

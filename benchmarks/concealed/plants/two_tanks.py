@@ -71,5 +71,10 @@ MACHINE = Machine(
         Code.two_speed_lag: (on_input(),),
         Code.sensor_memory: (on_output(),),
         Code.wandering_load: (on_state(1),),
+        Code.burst_firing: (on_input(),),
+        Code.snap_action: (on_input(),),
+        Code.switching_outlet: (on_state(0, 0), on_state(1, 1)),
+        Code.resynchronised_clock: (on_output(),),
+        Code.loaded_potentiometer: (on_output(),),
     },
 )
