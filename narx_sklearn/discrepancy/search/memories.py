@@ -35,6 +35,7 @@ SHORT = 1e-12  # of a step: a lag of less is none
 APART = 4.0  # times as slow one way as the other, from which two speeds are tried
 SIMPLEST = 1.0  # exponent n of a Bouc-Wen element: a loop of exponentials
 BOUC_WEN = CATALOGUE["bouc_wen_hysteresis"]
+MOST = 30.0  # logarithm of a gain, beyond which it only overflows
 SLOW = 3  # times over which work is remembered, that are tried
 
 
@@ -53,7 +54,7 @@ def _worked_transform(signal, second, dt, theta, first, power):
     a, T, r, begin = theta[:4]
     decay = np.exp(-dt / max(T, SHORT * dt))
     remembered = by_pieces(_remembered_run, np.abs(signal - r) ** power, first, decay, begin)
-    return r + (signal - r) * np.exp(a * remembered)
+    return r + (signal - r) * np.exp(np.minimum(a * remembered, MOST))
 
 
 def _worked_starts(setting: Setting, transform) -> np.ndarray:
