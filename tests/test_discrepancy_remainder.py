@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from scipy.stats import rankdata
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import where_it_follows
+from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import tangent
@@ -148,6 +150,7 @@ class TestSigns:
         sign = self.strongest(u, y)
         assert sign.kind == "follows"
         assert sign.words == "It depends on position [m], acting on the output position."
+        assert sign.port == Port("output", 0)
 
     def test_a_push_at_every_step_of_the_input_follows_how_fast_it_moves(self):
         rng = np.random.default_rng(2)
@@ -156,6 +159,18 @@ class TestSigns:
         sign = self.strongest(u, y)
         assert sign.kind == "follows"
         assert sign.words.startswith("It depends on how fast drive [V] moves")
+        assert sign.port is not None
+        assert port_in_words(sign.port, simulator()) in sign.words
+
+    def test_what_follows_signals_at_several_places_is_where_it_is_most(self):
+        loud, soft = Port("input", 0), Port("state", 1)
+        signs = (
+            Sign("follows", "", 1e-4, gain=3.0, port=soft),
+            Sign("pulse", "", 1e-3, gain=5.0, port=loud),
+            Sign("bursts", "", 1e-9, gain=9.0),
+        )
+        assert where_it_follows(SimpleNamespace(against_noise=signs)) == loud
+        assert where_it_follows(SimpleNamespace(against_noise=signs[2:])) is None
 
     def test_what_grows_with_the_position_follows_in_size(self):
         rng = np.random.default_rng(3)

@@ -44,15 +44,16 @@ def make_findings(
 ) -> list[Finding]:
     """Return the findings of a diagnosis, what follows no signal first, then those that explain most.
 
-    What is no noise but has no name or curve is said to enter at the likeliest port of a location. Where the
-    ``verdict`` is *unknown* in the end, which held-out samples may say of names, none of these stands.
+    What is no noise but has no name or curve is said to enter where it follows a signal, or else at the
+    likeliest port of a location. Where the ``verdict`` is *unknown* in the end, which held-out samples may
+    say of names, none of these stands.
     """
     best, base = diagnosis.best, diagnosis.refitted
     found = []
     if diagnosis.unforeseen is not None:
         found.append(_unforeseen(diagnosis, diagnosis.unforeseen, simulator, location))
     elif not best.effects and diagnosis.verdict == "unknown":
-        found.append(_shapeless(diagnosis, simulator, location.likeliest))
+        found.append(_shapeless(diagnosis, simulator, where_it_follows(diagnosis) or location.likeliest))
     if not best.effects:
         return found
     sure = diagnosis.intervals(level)
@@ -209,6 +210,12 @@ def where_in_words(placed: PlacedEffect, argument: np.ndarray, added: np.ndarray
         elif ends < high:
             told.append(f"below {ends:.4g}{unit}")
     return f"{placed.argument_name or 'it'} is {' or '.join(told)}" if told else ""
+
+
+def where_it_follows(diagnosis: Diagnosis) -> Port | None:
+    """Return the port at which what is left over follows a signal, most of it if at several; else None."""
+    placed = [sign for sign in diagnosis.against_noise if sign.port is not None]
+    return max(placed, key=lambda sign: sign.gain).port if placed else None
 
 
 def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:

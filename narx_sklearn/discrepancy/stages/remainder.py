@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.locate import Tangent, ports_of, tangent
 from narx_sklearn.discrepancy.noise import estimate_noise
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.records.steps import measured_steps
 from narx_sklearn.discrepancy.search.bank import INVISIBLE, beside, directions, out_of
 from narx_sklearn.discrepancy.search.detect import (
@@ -67,6 +68,7 @@ class Sign(NamedTuple):
     p_value: float
     frequencies: tuple[float, ...] = ()  # of a pulse and its images, Hz
     gain: float = 0.0  # by how much the cost would fall without it, noise variances
+    port: Port | None = None  # at which what follows a signal acts
 
     @property
     def to_try(self) -> str:
@@ -159,7 +161,7 @@ def _follows(
     simulator = problem.simulator
     n_outputs = problem.y.shape[1]
     length = block_length(e.shape[0], e.shape[1] // n_outputs)
-    words, products, spreads = [], [], []
+    words, at, products, spreads = [], [], [], []
     for port in ports_of(simulator):
         if port.kind == "state" and structure.kinematic[port.index]:
             continue
@@ -177,8 +179,11 @@ def _follows(
             products.append(blocks_of(columns[:, :, keep] * e[:, :, None], n_outputs, length))
             spreads.append(spectral_spread(columns[:, :, keep], e, n_outputs))
             words += [f"{c.words}, acting {where}" for c, kept in zip(chunk, keep, strict=True) if kept]
+            at += [port] * int(keep.sum())
     p, j, t = _largest(products, spreads, rng)
-    return Sign("follows", f"It depends on {words[j]}." if words else "", p, gain=t**2)
+    if not words:
+        return Sign("follows", "", p, gain=t**2)
+    return Sign("follows", f"It depends on {words[j]}.", p, gain=t**2, port=at[j])
 
 
 def _size_follows(problem: Problem, run: Run, scores: np.ndarray, structure: Structure, rng) -> Sign:
@@ -415,4 +420,4 @@ def _pulse(
     where = port_in_words(pulse.placed.port, problem.simulator)
     or_these = " or ".join(f"{f:.4g}" for f in hertz)
     words = f"It goes with {pulse.placed.argument_name} times a wave of {or_these} Hz, acting {where}."
-    return Sign("pulse", words, pulse.p_value, hertz, pulse.gain)
+    return Sign("pulse", words, pulse.p_value, hertz, pulse.gain, pulse.placed.port)
