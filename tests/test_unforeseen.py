@@ -102,7 +102,11 @@ def dense_deviance(beside, entrance, phi, w_var):
     V = np.eye(n) + to_outputs @ (w_var * phi**apart) @ to_outputs.T
     inverse = np.linalg.inv(V)
     b, X = covered.b[:, 0, 0], np.column_stack([initial, beside.responses[:, 0]])
-    left = b - X @ np.linalg.lstsq(np.linalg.cholesky(inverse).T @ X, np.linalg.cholesky(inverse).T @ b)[0]
+    left = (
+        b
+        - X
+        @ np.linalg.lstsq(np.linalg.cholesky(inverse).T @ X, np.linalg.cholesky(inverse).T @ b, rcond=None)[0]
+    )
     degrees = n - initial.shape[1]
     return (
         degrees * np.log(left @ inverse @ left / degrees)

@@ -97,6 +97,6 @@ def _of_one_run(model: NARXModel, X: np.ndarray, y: np.ndarray, nudges: np.ndarr
     judged = np.isfinite(error).ravel() & np.isfinite(moves).all(axis=0)
     if moves and judged.any():
         J = np.transpose(moves)
-        explained = np.linalg.lstsq(J[judged], error.ravel()[judged])[0]
+        explained = np.linalg.lstsq(J[judged], error.ravel()[judged], rcond=None)[0]
         error -= (J @ explained).reshape(error.shape)
     return error
