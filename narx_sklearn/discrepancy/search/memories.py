@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.search.generic import (
     WORKED_BY_SQUARE,
 )
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Setting
-from narx_sklearn.physics.effects._dynamics import moments_of_decay, times_of_lag
+from narx_sklearn.physics.effects._dynamics import SHORT, moments_of_decay, times_of_lag
 from narx_sklearn.physics.effects._effect import LACKING
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
@@ -31,7 +31,6 @@ from narx_sklearn.physics.effects._starts import (
     working_points,
 )
 
-SHORT = 1e-12  # of a step: a lag of less is none
 APART = 4.0  # times as slow one way as the other, from which two speeds are tried
 SIMPLEST = 1.0  # exponent n of a Bouc-Wen element: a loop of exponentials
 BOUC_WEN = CATALOGUE["bouc_wen_hysteresis"]
