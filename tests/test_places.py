@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.as_narx import effect_regressors
 from narx_sklearn.discrepancy.findings import argument_told
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.search.hypotheses import placements
+from narx_sklearn.discrepancy.search.places import placements
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE

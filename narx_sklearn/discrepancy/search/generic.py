@@ -21,12 +21,12 @@ from narx_sklearn.discrepancy.search.broken_line import (
     knots_as_parameters,
     line_added,
 )
-from narx_sklearn.discrepancy.search.hypotheses import (
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, counted_from_means
+from narx_sklearn.discrepancy.search.places import (
     Argument,
-    Hypothesis,
     arguments,
     beside_inputs,
-    counted_from_means,
+    moving,
     placed_at,
     weights_of,
 )
@@ -329,9 +329,11 @@ def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
         of_one_motion = {weights_of(n_states, {j: 1.0}) for j in (i, structure.partner[i]) if j >= 0}
-        moving = [a for a in arguments("any", i, simulator, structure) if np.ptp(x @ np.array(a.weights)) > 0]
-        pairs = [(product, pair) for pair in combinations(moving, 2)]
-        pairs += [(with_square, pair) for pair in permutations(moving, 2)]
+        signals = [
+            a for a in arguments("any", i, simulator, structure) if np.ptp(x @ np.array(a.weights)) > 0
+        ]
+        pairs = [(product, pair) for pair in combinations(signals, 2)]
+        pairs += [(with_square, pair) for pair in permutations(signals, 2)]
         for law, (one, other) in pairs:
             if {one.weights, other.weights} == of_one_motion:
                 continue
@@ -351,16 +353,6 @@ def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[P
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):
             yield Port("state", i), argument, "{port}/({arg})"
-
-
-def moving(i: int, simulator: Simulator, structure: Structure) -> Iterator[Argument]:
-    """Yield all that a force in state equation ``i`` may depend on, each once."""
-    seen = set()
-    for kind in ("own", "position", "any"):
-        for argument in arguments(kind, i, simulator, structure):
-            if argument.weights not in seen:
-                seen.add(argument.weights)
-                yield argument
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):

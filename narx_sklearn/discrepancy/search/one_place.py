@@ -7,8 +7,9 @@ from numba import njit
 
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.broken_line import ends_of
-from narx_sklearn.discrepancy.search.generic import ONE_PLACE, moving, unnamed_law
-from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, placed_at
+from narx_sklearn.discrepancy.search.generic import ONE_PLACE, unnamed_law
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.places import moving, placed_at
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import EffectParameter
