@@ -77,9 +77,8 @@ class TestChanceOfNoise:
             model = base.fit.model._replace(effects=(effect,))
             jacobian = np.zeros((*base.fit.residual.shape, model.q.size))
             found.append(Candidate(base.fit._replace(cost=cost, model=model, jacobian=jacobian), 300))
-        none = np.zeros(1, dtype=bool)
         members = [c.effects[0] for c in found]
-        hypotheses = [Hypothesis(e, np.array([e.theta]), none, none.astype(float)) for e in members]
+        hypotheses = [Hypothesis.untuned(e, np.array([e.theta])) for e in members]
         bank = make_bank(problem, base.fit, hypotheses)
 
         def given(problem, model, may_drift):
@@ -96,9 +95,7 @@ class TestChanceOfNoise:
     def test_a_run_without_a_slope_is_no_column_and_no_warning(self, monkeypatch):
         problem, start = axis_problem([friction(0.3)], n=300)
         found = fit(problem, start)
-        hypotheses = [
-            Hypothesis(e, np.array([e.theta]), np.zeros(1, dtype=bool), np.zeros(1)) for e in self.THREE
-        ]
+        hypotheses = [Hypothesis.untuned(e, np.array([e.theta])) for e in self.THREE]
         true = bank_module.effect_column
 
         def endless(problem, fit, base, placed):

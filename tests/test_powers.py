@@ -120,8 +120,7 @@ class TestWithoutAName:
         problem, base, best = refitted_with(truth, drag())
         run = problem.run(base.model)
         structure = find_structure(problem.simulator, run.x, problem.u)
-        nothing = np.zeros(1)
-        hypotheses = [Hypothesis(p, np.ones((1, 1)), nothing > 0, nothing) for p in known]
+        hypotheses = [Hypothesis.untuned(p, np.ones((1, 1))) for p in known]
         return best_power(problem, base, best.fit._replace(model=base.model), structure, hypotheses)
 
     def test_the_power_and_its_argument_are_found(self):

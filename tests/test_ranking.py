@@ -27,8 +27,7 @@ FORCE = Port("state", 1)
 def hypothesis(code, starts, *, port=FORCE, weights=(0.0, 1.0), asked=True, odd=False):
     starts = np.atleast_2d(np.array(starts, dtype=float))
     placed = PlacedEffect(CATALOGUE[code], port, weights, theta=tuple(starts[0]), odd=odd)
-    none = np.zeros(len(starts), dtype=bool)
-    return Hypothesis(placed, starts, none, none.astype(float), asked)
+    return Hypothesis.untuned(placed, starts)._replace(asked=asked)
 
 
 def bank_of(hypotheses, columns, residual):

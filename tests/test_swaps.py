@@ -29,8 +29,7 @@ def at_velocity(code, *theta, index=1, odd=False):
 
 
 def hypothesis(placed, *, asked=True):
-    none = np.zeros(1, dtype=bool)
-    return Hypothesis(placed, np.array([placed.theta]), none, none.astype(float), asked)
+    return Hypothesis.untuned(placed, np.array([placed.theta]))._replace(asked=asked)
 
 
 LOAD = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.05,))

@@ -282,7 +282,7 @@ def damped_beyond(placed: PlacedEffect) -> Hypothesis | None:
     begun = replace(placed, effect=law, limits=()).at((0.0, *gap, *placed.onward_theta))
     start = np.array(begun.theta)
     start[0] = 1.0
-    return Hypothesis(begun, start[None], tuned=np.zeros(1, dtype=bool), tried=np.zeros(1))
+    return Hypothesis.untuned(begun, start[None])
 
 
 def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:
@@ -506,7 +506,7 @@ def _unnamed(
     scale = [(parameter.lower + parameter.upper) / 2 for parameter in fixed] + [placed.share] * placed.reacts
     starts = np.column_stack([np.eye(n), np.tile(scale, (n, 1))])
     begun = placed.at(np.r_[np.zeros(n), scale])
-    return Hypothesis(begun, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
+    return Hypothesis.untuned(begun, starts)
 
 
 def is_unnamed(placed: PlacedEffect) -> bool:

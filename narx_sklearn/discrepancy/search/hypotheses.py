@@ -25,6 +25,11 @@ class Hypothesis(NamedTuple):
     tried: np.ndarray  # (n_starts,) of how many values it is the best, where a scan found it; else 0
     asked: bool = True  # whether it may be named; else it only takes up structure, so that the noise shows
 
+    @classmethod
+    def untuned(cls, placed: PlacedEffect, starts: np.ndarray) -> "Hypothesis":
+        """Return a hypothesis that is tried from starts, (n_starts, n_theta), which no residual told."""
+        return cls(placed, starts, tuned=np.zeros(len(starts), dtype=bool), tried=np.zeros(len(starts)))
+
 
 def enumerate_hypotheses(
     effects: Iterable[Effect],
@@ -158,8 +163,7 @@ def counted_from_means(
     means = [signal.mean() for signal in values]
     limits = (-np.inf, np.inf), *(reference_limits(signal) for signal in values)
     begun = replace(placed, limits=limits).at((0.0, *means))
-    start = np.array([amplitude, *means])
-    return Hypothesis(begun, start[None], tuned=np.zeros(1, dtype=bool), tried=np.zeros(1))
+    return Hypothesis.untuned(begun, np.array([[amplitude, *means]]))
 
 
 class _Material:

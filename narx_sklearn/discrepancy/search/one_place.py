@@ -48,6 +48,5 @@ def place_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) 
             placed = replace(
                 placed_at(law, Port("state", i), argument._replace(pushed_back=-1)), limits=limits
             )
-            none = np.zeros(len(starts))
-            found.append(Hypothesis(placed, starts, none.astype(bool), none))
+            found.append(Hypothesis.untuned(placed, starts))
     return found
