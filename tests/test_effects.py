@@ -36,6 +36,7 @@ from narx_sklearn.physics.effects._dynamics import (
     _along_parabolas,
     _average_run,
     _following_run,
+    weights_along_line,
 )
 from narx_sklearn.physics.effects._effect import ARGUMENTS, MAX_MEMORY, MAX_PARAMETERS
 from narx_sklearn.physics.effects._hysteresis import (
@@ -840,6 +841,11 @@ class TestTransforms:
         if run is _following_run:
             signal = np.column_stack([signal, wideband(60, seed=2), wideband(60, seed=3)])
         np.testing.assert_allclose(run(signal, *theta), run.py_func(signal, *theta), rtol=1e-12, atol=1e-15)
+
+    @pytest.mark.parametrize("weights", [weights_along_line, weights_along_line.py_func])
+    def test_what_a_lag_keeps_of_a_step_along_a_line_is_worked_by_hand(self, weights):
+        """T x' = s - x over one T, with s = a + (b - a) t/T from x: x/e + a (1 - 2/e) + b/e."""
+        np.testing.assert_allclose(weights(1.0), np.array([1.0, np.e - 2.0, 1.0]) / np.e, rtol=1e-14)
 
     def test_a_stuck_sensor_holds_the_value_it_stuck_at(self):
         signal = wideband()

@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.search.generic import (
     WORKED_BY_SQUARE,
 )
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Setting
-from narx_sklearn.physics.effects._dynamics import SHORT, moments_of_decay, times_of_lag
+from narx_sklearn.physics.effects._dynamics import SHORT, moments_of_decay, times_of_lag, weights_along_line
 from narx_sklearn.physics.effects._effect import LACKING
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
@@ -118,10 +118,8 @@ def _two_speeds_along_lines_run(values, dt, up, down, lacking):
     out[0] = values[0] * (1.0 - lacking)
     for k in range(1, values.size):
         ahead = 0.5 * (values[k - 1] + values[k]) - out[k - 1]
-        ratio = dt / (up if ahead > 0.0 else down)
-        decay = np.exp(-ratio)
-        new = 1.0 + np.expm1(-ratio) / ratio
-        out[k] = decay * out[k - 1] + (1.0 - decay - new) * values[k - 1] + new * values[k]
+        kept, old, new = weights_along_line(dt / (up if ahead > 0.0 else down))
+        out[k] = kept * out[k - 1] + old * values[k - 1] + new * values[k]
     return out
 
 

@@ -96,6 +96,18 @@ def _average_run(values, decay, lacking, late):
 
 
 @kernel
+def weights_along_line(ratio):
+    """Return the weights of what a lag was at, and of its signal where a step begins and where it ends.
+
+    Their sum is where the lag is then, if the signal is straight in the step, which takes a ``ratio`` of the
+    lag's time.
+    """
+    decay = np.exp(-ratio)
+    new = 1.0 + np.expm1(-ratio) / ratio
+    return decay, 1.0 - decay - new, new
+
+
+@kernel
 def _following_run(curve, half, full, lacking):
     """Return the first state of a linear system along a curve: at each step's beginning, middle and end.
 

@@ -5,6 +5,7 @@ import numpy as np
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import AbsoluteDifference, DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import plays
+from narx_sklearn.physics.effects._dynamics import SHORT, weights_along_line
 from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting, at_most
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
@@ -166,14 +167,11 @@ def _creep_run(values, dt, T):
     """Return how far the slow followers have moved in the mean along values, at rest on the first."""
     out = np.zeros(values.size)
     for i in range(N_LAGS):
-        ratio = dt / max(_time_of_lag(i, T), 1e-12 * dt)
-        decay = np.exp(-ratio)
-        # exact where the signal is straight between samples
-        new = 1.0 + np.expm1(-ratio) / ratio
+        kept, old, new = weights_along_line(dt / max(_time_of_lag(i, T), SHORT * dt))
         follower = values[0]
         for k in range(values.size):
             if k > 0:
-                follower = decay * follower + (1.0 - decay - new) * values[k - 1] + new * values[k]
+                follower = kept * follower + old * values[k - 1] + new * values[k]
             out[k] += (follower - values[0]) / N_LAGS
     return out
 
