@@ -40,9 +40,9 @@ OPTIONAL = {"matplotlib", "pooch", "dask", "jinja2", "fmpy"}
 # Functions that a user hands over are compiled here; they have no file of ours to be cached beside.
 COMPILE_USERS_FUNCTIONS = {
     Path("compensation/_user_functions.py"),
+    Path("discrepancy/simulators/addresses.py"),
     Path("discrepancy/simulators/callables.py"),
     Path("discrepancy/simulators/equations.py"),
-    Path("discrepancy/simulators/kernels.py"),
     Path("discrepancy/simulators/tables.py"),
     Path("discrepancy/simulators/varied.py"),
 }

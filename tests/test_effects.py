@@ -14,7 +14,7 @@ from scipy.signal import lfilter, lsim
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulators.kernels import FORCE
+from narx_sklearn.discrepancy.simulators.addresses import FORCE
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.units import tidy_unit

@@ -4,10 +4,12 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port, in_turn
-from narx_sklearn.discrepancy.simulators.kernels import MAX_MEMORY, MAX_THETA, PUSH, compiled_force
+from narx_sklearn.discrepancy.simulators.addresses import MAX_THETA, compiled_force
+from narx_sklearn.discrepancy.simulators.kernels import PUSH
 from narx_sklearn.discrepancy.simulators.simulator import Run, Signal, Simulator, Windows, evaluate
 from narx_sklearn.discrepancy.simulators.varied import compiled_factor
 from narx_sklearn.model.units import rate_of, tidy_unit
+from narx_sklearn.physics.effects._effect import MAX_MEMORY
 
 
 def state_forces(

@@ -14,8 +14,8 @@ from numba.core import ir, ir_utils
 from numba.core.compiler import run_frontend
 from numba.core.errors import NumbaError, NumbaWarning, UnsupportedBytecodeError
 
+from narx_sklearn.discrepancy.simulators.addresses import EQUATION
 from narx_sklearn.discrepancy.simulators.callables import identity, itself, jitted
-from narx_sklearn.discrepancy.simulators.kernels import EQUATION
 from narx_sklearn.exceptions import NarxWarning
 
 KEPT = 128  # compiled functions remembered

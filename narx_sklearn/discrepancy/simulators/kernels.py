@@ -3,25 +3,27 @@
     x' = f(x, u, p) + sum_e force_e        (or x[k+1] = f(x[k], u[k], p) + sum_e force_e for a map)
     y  = h(x, u, p)                        (or h(x, u, p, x'), of what an accelerometer sees)
 
-The right-hand side, the output and the forces of the effects enter by their addresses, as functions of one
-signature each, so this kernel is compiled once (in two forms) and kept on disk, and only the user's own few
-lines are compiled anew. (numba takes functions as arguments too, but looks each of them up at every call,
-which costs as much as the run of a thousand samples.)
+The right-hand side, the output and the forces of the effects enter by their ``addresses``.
 """
 
-from functools import cache, lru_cache
-from typing import Any
+from functools import cache
 
 import numpy as np
-from numba import carray, njit, types
-from numba.core import cgutils
-from numba.core.errors import NumbaError
-from numba.extending import intrinsic
+from numba import njit, types
 
+from narx_sklearn.discrepancy.simulators.addresses import (
+    MAX_THETA,
+    borrowed,
+    equation_at,
+    force_at,
+    keep,
+    row_of,
+    row_pointer,
+    write,
+)
 from narx_sklearn.physics.effects._effect import MAX_MEMORY
 
 MAX_EFFECTS = 4  # effects that act at state equations at the same time
-MAX_THETA = 24  # parameters of one effect; the last one is the share that spills onward
 SPILL = MAX_THETA - 1
 AT_ONCE = 1e-6  # of a step
 NEAR = 8.0  # times the jump of a rate at a switch, per step, within which a step looks at both of its sides
@@ -32,150 +34,10 @@ AT_REST = 1e-3  # of what pushes at it, the rate of what friction holds
 PUSH = 1e-6  # of an input, to feel how a force beside it moves its argument
 UNBOUNDED = 1e15  # far above any physical state, far below overflow
 
-POINTER = types.CPointer(types.float64)
 VECTOR = types.Array(types.float64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
 INTEGERS = types.Array(types.int64, 1, "C")
 FLAGS = types.Array(types.boolean, 1, "C")
-EQUATION = types.void(*[POINTER] * 4, *[types.intp] * 4)
-"""Signature of a right-hand side and of an output: where ``x, u, p, written`` lie, and their lengths.
-
-An output of rates too finds them after the states, as the second half of ``x``. (Arrays would be handed over
-with all they know of themselves, at the price of many lines of arithmetic.)
-"""
-
-FORCE = types.float64(*[types.float64] * 6, *[POINTER] * 3)
-"""Signature of an effect's force: ``(argument, rate, own, second, time, step, z, theta, written dz)``."""
-
-
-ADDRESSES_KEPT = 256
-
-
-def _function_at(kind, address):
-    """Return the numba code of the function of a kind that lies at an address."""
-
-    def generate(context, builder, signature, arguments):
-        pointer = builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
-        function = cgutils.create_struct_proxy(kind)(context, builder)
-        function.c_addr = pointer  # only looked at when there is no compiled address
-        function.jit_addr = pointer
-        return function._getvalue()
-
-    return kind(address), generate
-
-
-# numba gives a value in the place of the first argument, the typing context
-_equation_at: Any = intrinsic(lambda context, address: _function_at(types.FunctionType(EQUATION), address))
-_force_at: Any = intrinsic(lambda context, address: _function_at(types.FunctionType(FORCE), address))
-
-
-def _pointer_to(vector):
-    """Return the type and the numba code of the pointer to the first value of a vector."""
-
-    def generate(context, builder, signature, arguments):
-        return context.make_array(vector)(context, builder, arguments[0]).data
-
-    return types.CPointer(vector.dtype)(vector), generate
-
-
-def _pointer_to_row(matrix, index):
-    """Return the type and the numba code of the pointer to a row of a C-contiguous matrix."""
-
-    def generate(context, builder, signature, arguments):
-        values = context.make_array(matrix)(context, builder, arguments[0])
-        row_size = builder.extract_value(values.shape, 1)
-        return builder.gep(values.data, [builder.mul(arguments[1], row_size)])
-
-    return types.CPointer(matrix.dtype)(matrix, types.intp), generate
-
-
-_pointer: Any = intrinsic(lambda context, vector: _pointer_to(vector))
-_row_pointer: Any = intrinsic(lambda context, matrix, index: _pointer_to_row(matrix, index))
-
-
-def _lent(arrays):
-    """Return the type and the numba code of a tuple of arrays without what counts their owners."""
-
-    def generate(context, builder, signature, arguments):
-        lent = []
-        for k, kind in enumerate(arrays):
-            array = context.make_array(kind)(context, builder, builder.extract_value(arguments[0], k))
-            array.meminfo = cgutils.get_null_value(array.meminfo.type)
-            array.parent = cgutils.get_null_value(array.parent.type)
-            lent.append(array._getvalue())
-        return context.make_tuple(builder, signature.return_type, lent)
-
-    return arrays(arrays), generate
-
-
-_borrowed: Any = intrinsic(lambda context, arrays: _lent(arrays))
-
-
-@njit(nogil=True)
-def _keep(arrays):
-    """Let arrays live until here, of which others are borrowed."""
-
-
-@njit(nogil=True, inline="always")
-def _row(matrix, index):
-    """Return a row that does not keep its matrix alive: counting owners costs more than most forces do."""
-    return carray(_row_pointer(matrix, index), (matrix.shape[1],))
-
-
-@njit(nogil=True, inline="always")
-def _write(equation, x, u, p, written):
-    """Let an equation write its values for these arguments."""
-    equation(_pointer(x), _pointer(u), _pointer(p), _pointer(written), x.size, u.size, p.size, written.size)
-
-
-@njit(nogil=True, cache=True)
-def write_values(equation_address, x, u, p, written):
-    """Let the equation at an address write its values for these arguments."""
-    _write(_equation_at(equation_address), x, u, p, written)
-
-
-@lru_cache(maxsize=ADDRESSES_KEPT)
-def equation_address(function) -> int:
-    """Return where a compiled right-hand side or output lies, as long as it lives."""
-    return _address(function, EQUATION)
-
-
-@cache
-def compiled_force(function: Any):
-    """Return an effect's force compiled: from disk when it was declared so, else anew."""
-    if hasattr(function, "py_func"):
-        return function
-    return njit(nogil=True, error_model="numpy")(function)
-
-
-@cache
-def _pointed_at(function: Any):
-    """Return an effect's force compiled for the kernel, which tells it only where its arrays begin.
-
-    One that asks them for more than their values (a slice, a size) gets whole arrays made of them first.
-    """
-    force = compiled_force(function)
-    try:
-        force.compile(FORCE.args)
-    except NumbaError:
-
-        def called(argument, rate, own, second, time, step, z, theta, dz):
-            memory, change = carray(z, (MAX_MEMORY,)), carray(dz, (MAX_MEMORY,))
-            return force(argument, rate, own, second, time, step, memory, carray(theta, (MAX_THETA,)), change)
-
-        return njit(FORCE, nogil=True, error_model="numpy")(called)
-    return force
-
-
-@cache
-def force_address(function) -> int:
-    """Return where an effect's force lies, compiled for the kernel."""
-    return _address(_pointed_at(function), FORCE)
-
-
-def _address(function, signature) -> int:
-    found = function.get_compile_result(signature)
-    return found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
 
 
 @njit(nogil=True, inline="always")
@@ -223,7 +85,7 @@ def _turns(signal, rate, push, h):
     return abs(signal) <= AHEAD * h * abs(rate) and abs(rate) > AT_REST * abs(push)
 
 
-@njit(nogil=True)
+@njit(nogil=True, cache=True)
 def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
     """Change rates so that a switch at a ``distance`` does in a step what it does in the limit of short ones.
 
@@ -239,10 +101,10 @@ def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
         length += switch[i] * switch[i]
     for i in range(n):
         side[i] = x[i] + max(width - distance, 0.0) * switch[i] / length
-    _write(equation, side, u, p, over)
+    write(equation, side, u, p, over)
     for i in range(n):
         side[i] = x[i] - max(width + distance, 0.0) * switch[i] / length
-    _write(equation, side, u, p, under)
+    write(equation, side, u, p, under)
     limit, load = 0.0, 0.0
     for i in range(n):
         limit += switch[i] * 0.5 * (under[i] - over[i])
@@ -265,7 +127,7 @@ def _keep_to(edges, equation, x, u, p, h, raw, rates, sides):
     for e in range(switches.shape[0]):
         distance = _dot(switches, e, x)
         if abs(distance) <= h * (abs(_dot(switches, e, rates)) + NEAR * authority[e]):
-            _settle(equation, x, u, p, _row(switches, e), distance, width[e], h, raw, rates, sides)
+            _settle(equation, x, u, p, row_of(switches, e), distance, width[e], h, raw, rates, sides)
 
 
 @njit(nogil=True, inline="always")
@@ -274,11 +136,11 @@ def _is_parted(x, slope, settled, edges, weights, sticks, share, h):
     switches, authority, _ = edges
     parted = False
     for e in range(switches.shape[0]):
-        signal, rate = _dot(switches, e, x), _dot(switches, e, _row(slope, 0))
+        signal, rate = _dot(switches, e, x), _dot(switches, e, row_of(slope, 0))
         parted = parted or _turns(signal, rate, authority[e], h)
     for e in range(sticks.size):
         if sticks[e] and share[e] != 0.0:
-            signal, rate = _dot(weights, e, x), _dot(weights, e, _row(slope, 0))
+            signal, rate = _dot(weights, e, x), _dot(weights, e, row_of(slope, 0))
             parted = parted or _turns(signal, rate, _dot(weights, e, settled), h)
     return parted
 
@@ -287,8 +149,8 @@ def _is_parted(x, slope, settled, edges, weights, sticks, share, h):
 def _force(effects, e, row, argument, rate, own, other, time, step):
     """Return the force of an effect, which writes a row of dz."""
     addresses, theta, z, dz = effects
-    memory, values, written = _row_pointer(z, e), _row_pointer(theta, e), _row_pointer(dz, row)
-    return _force_at(addresses[e])(argument, rate, own, other, time, step, memory, values, written)
+    memory, values, written = row_pointer(z, e), row_pointer(theta, e), row_pointer(dz, row)
+    return force_at(addresses[e])(argument, rate, own, other, time, step, memory, values, written)
 
 
 @njit(nogil=True, inline="always")
@@ -297,7 +159,7 @@ def _gain_through(equation, x, u, p, channel, weights, e, rates, pushed):
     entered = u[channel]
     nudge = PUSH * (1.0 + abs(entered))
     u[channel] = entered + nudge
-    _write(equation, x, u, p, pushed)
+    write(equation, x, u, p, pushed)
     u[channel] = entered
     gain = 0.0
     for i in range(x.size):
@@ -310,7 +172,7 @@ def _push_through(equation, x, u, p, channel, force, rates, pushed, slope, r):
     """Add to the rates of a stage what a force beside an input makes of them."""
     entered = u[channel]
     u[channel] = entered + force
-    _write(equation, x, u, p, pushed)
+    write(equation, x, u, p, pushed)
     u[channel] = entered
     for i in range(x.size):
         slope[r, i] += pushed[i] - rates[i]
@@ -343,7 +205,7 @@ def _with_rates(x, slope, r, moving):
 @njit(nogil=True, inline="always")
 def _observe(output, x, u, p, observed, out, k):
     """Write the outputs at sample k."""
-    _write(output, x, u, p, observed)
+    write(output, x, u, p, observed)
     for i in range(observed.size):
         out[k, i] = observed[i]
 
@@ -439,11 +301,11 @@ def _simulate_windows(
     is returned when all went well.
     """
     # owners of what inlined helpers are handed would be counted in every branch; what is borrowed has none
-    weights, seconds, theta, switches, p, u, tilt = _borrowed((weights, seconds, theta, switches, p, u, tilt))
-    addresses, sticks, authority, width = _borrowed((force_addresses, sticks, authority, width))
-    y_out, middle_out, end_out = _borrowed((y_out, middle_out, end_out))
-    equation = _equation_at(equation_address)
-    output = _equation_at(output_address)
+    weights, seconds, theta, switches, p, u, tilt = borrowed((weights, seconds, theta, switches, p, u, tilt))
+    addresses, sticks, authority, width = borrowed((force_addresses, sticks, authority, width))
+    y_out, middle_out, end_out = borrowed((y_out, middle_out, end_out))
+    equation = equation_at(equation_address)
+    output = equation_at(output_address)
     n_states = x0.shape[1]
     n_outputs = y_out.shape[1]
     of_motion = (
@@ -465,8 +327,8 @@ def _simulate_windows(
         np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS * 4, MAX_MEMORY)),  # row 4 e + r: effect e at stage r
     )
-    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving = _borrowed(of_motion)
-    share, z, z_stage, dz = _borrowed(of_effects)
+    x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving = borrowed(of_motion)
+    share, z, z_stage, dz = borrowed(of_effects)
     effects, edges = (addresses, theta, z_stage, dz), (switches, authority, width)
     wants_middle = middle_out.shape[0] > 0
     failed = -1
@@ -527,7 +389,7 @@ def _simulate_windows(
                                 if r > 0 and not jumps[e]:
                                     z_stage[e, j] += step * dz[4 * e + r - 1, j]
                         _write_inputs((reached + step) / dt, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _write(equation, stage, now, p, settled)
+                        write(equation, stage, now, p, settled)
                         if has_switches:
                             for i in range(n_states):
                                 nominal[i] = settled[i]
@@ -544,7 +406,7 @@ def _simulate_windows(
                                     rate += weights[e, i] * (settled[i] - stage[i]) / dt
                                 else:
                                     rate += weights[e, i] * settled[i]
-                            other = _weighed(_row(seconds, e), now, stage)
+                            other = _weighed(row_of(seconds, e), now, stage)
                             # in a map the port's own increment stands for its rate
                             own = slope[r, port[e]] - (stage[port[e]] if is_map else 0.0)
                             within = force_step
@@ -604,7 +466,7 @@ def _simulate_windows(
                         if special is None or not after[e]:
                             continue
                         argument, rate = _moved(weights, e, before, x, h)
-                        other = _weighed(_row(seconds, e), now, before)
+                        other = _weighed(row_of(seconds, e), now, before)
                         own = (x[port[e]] - before[port[e]]) / force_step
                         time, row = since + reached, 4 * e
                         force = _force(effects, e, row, argument, rate, own, other, time, force_step)
@@ -624,7 +486,7 @@ def _simulate_windows(
                         if is_map and memory[e] > 0 and not jumps[e]:
                             # a memory goes on between the samples, while what it depends on moves evenly
                             argument, rate = _moved(weights, e, before, x, dt)
-                            other = _weighed(_row(seconds, e), now, before)
+                            other = _weighed(row_of(seconds, e), now, before)
                             own = x[port[e]] - before[port[e]]
                             if inertial[e]:
                                 own = 0.5 * rate
@@ -641,8 +503,8 @@ def _simulate_windows(
                         else:
                             _remember(z, e, memory[e], dz, h)
                     part += 1
-    _keep(of_motion)
-    _keep(of_effects)
+    keep(of_motion)
+    keep(of_effects)
     return failed
 
 

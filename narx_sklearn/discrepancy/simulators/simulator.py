@@ -11,20 +11,18 @@ import numpy as np
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices, split_unit
 from narx_sklearn.discrepancy.columns import read_columns
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
-from narx_sklearn.discrepancy.simulators.kernels import (
-    MAX_EFFECTS,
-    MAX_MEMORY,
+from narx_sklearn.discrepancy.simulators.addresses import (
     MAX_THETA,
-    SPILL,
     equation_address,
     force_address,
-    simulate_windows,
     write_values,
 )
+from narx_sklearn.discrepancy.simulators.kernels import MAX_EFFECTS, SPILL, simulate_windows
 from narx_sklearn.discrepancy.simulators.switches import Switches
 from narx_sklearn.discrepancy.simulators.varied import varied
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.physics.effects import PARAMETER
+from narx_sklearn.physics.effects._effect import MAX_MEMORY
 
 
 class Signal(NamedTuple):

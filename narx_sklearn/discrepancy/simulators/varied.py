@@ -15,7 +15,7 @@ import numpy as np
 from numba import carray, njit
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.simulators.kernels import EQUATION
+from narx_sklearn.discrepancy.simulators.addresses import EQUATION
 
 KEPT = 128  # wrapped equations remembered
 
