@@ -11,13 +11,10 @@ import numpy as np
 from narx_sklearn._validation import finite_rows, finite_slices, session_slices, split_unit
 from narx_sklearn.discrepancy.columns import read_columns
 from narx_sklearn.discrepancy.placed import PlacedEffect, in_turn
-from narx_sklearn.discrepancy.simulators.addresses import (
-    MAX_THETA,
-    equation_address,
-    force_address,
-    write_values,
-)
-from narx_sklearn.discrepancy.simulators.kernels import MAX_EFFECTS, SPILL, simulate_windows
+from narx_sklearn.discrepancy.simulators.addresses import equation_address, write_values
+from narx_sklearn.discrepancy.simulators.applied import Sessions, applied
+from narx_sklearn.discrepancy.simulators.kernels import simulate_windows
+from narx_sklearn.discrepancy.simulators.slots import is_special, slots
 from narx_sklearn.discrepancy.simulators.switches import Switches
 from narx_sklearn.discrepancy.simulators.varied import varied
 from narx_sklearn.exceptions import DivergenceWarning
@@ -213,7 +210,7 @@ class Simulator(ABC):
         share = np.ones(len(effects)) if strength is None else np.asarray(strength, dtype=float)
         u = np.require(u, dtype=float, requirements=["C", "W"])
         is_held = not (self.linear_hold or self.discrete)
-        driven, tilt = _applied(u, "input", effects, share, None, self.dt, windows, is_held)
+        driven, tilt = _at_ports(u, "input", effects, share, None, self.dt, windows, is_held=is_held)
         n_samples = u.shape[0]
         y = np.full((n_samples, len(self.outputs)), np.nan)
         x = np.full((n_samples, len(self.states)), np.nan)
@@ -225,12 +222,12 @@ class Simulator(ABC):
         equation, output, p = varied(self._equations(), self._coefficients(p), acting, len(self.states))
         p = np.require(p, dtype=float, requirements=["C", "W"])
         switches = self.switches
-        is_special = self.discrete or len(switches.weights) > 0 or any(_is_special(e) for e, _ in forces)
+        special = self.discrete or len(switches.weights) > 0 or any(is_special(e) for e, _ in forces)
         try:
             failed = simulate_windows()(
                 equation_address(equation),
                 equation_address(output),
-                *_slots(forces, len(self.inputs), len(self.states)),
+                *slots(forces, len(self.inputs), len(self.states)),
                 *switches,
                 p,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
@@ -245,7 +242,7 @@ class Simulator(ABC):
                 self.linear_hold,
                 self.discrete,
                 self.sees_rates,
-                is_special or None,
+                special or None,
                 y,
                 x,
                 z,
@@ -253,7 +250,7 @@ class Simulator(ABC):
             )
         except Exception as error:
             raise _stopped_by(error, x, windows, self.dt) from error
-        y, _ = _applied(y, "output", effects, share, driven, self.dt, windows, within=within, x=x)
+        y, _ = _at_ports(y, "output", effects, share, driven, self.dt, windows, within=within, x=x)
         return Run(y, x, z, failed)
 
     def steps_wanted(self, x: np.ndarray, u: np.ndarray) -> int:
@@ -382,105 +379,17 @@ def _stopped_by(error: Exception, x: np.ndarray, windows: Windows, dt: float) ->
     )
 
 
-def _is_special(placed: PlacedEffect) -> bool:
-    """Tell whether a force does more than act in its own state equation (and onward)."""
-    return placed.effect.after or placed.inertial or placed.through >= 0 or placed.answer > 0
-
-
-def _slots(forces, n_inputs: int, n_states: int):
-    """Return the effects at state equations as the arrays the kernel takes."""
-    n = len(forces)
-    if n > MAX_EFFECTS:
-        raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
-    addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
-    memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, sticks, inertial, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(5))
-    weights = np.zeros((MAX_EFFECTS, n_states))
-    seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
-    answer, strength = np.zeros((2, MAX_EFFECTS))
-    theta = np.zeros((MAX_EFFECTS, MAX_THETA))
-    begins, ends = np.full((2, MAX_EFFECTS), np.inf)
-    for i, (placed, scale) in enumerate(forces):
-        effect = placed.effect
-        addresses[i] = force_address(effect.force)
-        port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
-        memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
-        sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
-        inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
-        begins[i], ends[i], along[i] = placed.during
-        weights[i, : len(placed.weights)] = placed.weights
-        if placed.second:
-            seconds[i] = placed.second
-        theta[i, : len(effect.parameters)] = placed.own_theta
-        if placed.onward >= 0:
-            theta[i, SPILL] = placed.theta[-1]
-    flags = jumps, after, sticks, inertial
-    ways = port, onward, through
-    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends, along
-
-
 def transformed(signals, kind, effects, strength, driven, dt, windows: Windows, x=None) -> np.ndarray:
     """Return signals with the effects at ports of one kind applied, session by session."""
-    return _applied(signals, kind, effects, strength, driven, dt, windows, x=x)[0]
+    return _at_ports(signals, kind, effects, strength, driven, dt, windows, x=x)[0]
 
 
-@np.errstate(invalid="ignore", over="ignore")  # behind a run that is lost everything is
-def _applied(
-    signals,
-    kind,
-    effects,
-    strength,
-    driven,
-    dt,
-    windows: Windows,
-    is_held: bool = False,
-    within: np.ndarray | None = None,
-    x: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return signals with effects applied, and by how much they then rise within each step, if they do.
-
-    On outputs they may depend on inputs as ``driven`` and on states ``x``.
-
-    What arrives late of a signal that ``is_held`` from sample to sample changes between samples: then the
-    signals are means over the steps, and the rise is that of the straight line of least squares. Where the
-    middle and the end of each step are known, ``within`` (2, n_samples, n_signals) or no samples, what
-    arrives late is that of a signal which bends there and may jump at the samples; behind an effect that does
-    not tell its own they are no longer known.
-    """
-    within = np.empty((2, 0, signals.shape[1])) if within is None else within
-    bends = np.full(signals.shape[1], within.shape[1] > 0)
-    out, tilt = signals, np.empty((0, signals.shape[1]))
-    for placed, scale in zip(effects, strength, strict=True):
-        if placed.port.kind != kind:
-            continue
-        if out is signals:
-            out = signals.copy()
-        column = out[:, placed.port.index].copy()
-        other = placed.second_of(signals if driven is None else driven, x)
-        # an effect has acted since the session began, also where no window is and its memory waits
-        keep, began, begin = _since_the_sessions_began(windows)
-        if placed.effect.instants:  # its time is that of the whole record
-            keep, began = np.arange(len(column)), np.zeros(len(column), dtype=np.int64)
-            begin = np.unique(windows.began)
-        inside = column[keep]
-        acts = placed.during.holds(keep, began, dt)
-        theta = np.array(placed.theta)
-        if is_held and placed.effect.held is not None:
-            changed, rise = placed.effect.held(inside, dt, theta, begin)
-            tilt = tilt if len(tilt) else np.zeros_like(signals)
-            tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
-        elif bends[placed.port.index] and placed.effect.curved is not None:
-            at = within[:, keep, placed.port.index]
-            changed, *then = placed.effect.curved(inside, *at, dt, theta, begin)
-            within[:, keep, placed.port.index] = at + np.where(acts, scale * (np.array(then) - at), 0.0)
-        else:
-            bends[placed.port.index] = False
-            changed = placed.effect.transform(
-                inside, None if other is None else other[keep], dt, theta, begin
-            )
-        out[keep, placed.port.index] = inside + np.where(acts, scale * (changed - inside), 0.0)
-    return out, tilt
+def _at_ports(signals, kind, effects, strength, driven, dt, windows: Windows, **along):
+    """Return what ``applied`` does, of the effects at ports of one kind."""
+    acting = [(e, scale) for e, scale in zip(effects, strength, strict=True) if e.port.kind == kind]
+    if not acting:
+        return signals, np.empty((0, signals.shape[1]))
+    return applied(signals, acting, driven, dt, Sessions.of(windows.began, windows.last), **along)
 
 
 def covered(windows: Windows) -> np.ndarray:
@@ -490,17 +399,3 @@ def covered(windows: Windows) -> np.ndarray:
     if windows.count == 1:
         return np.arange(windows.first[0], windows.last[0])
     return np.concatenate([np.arange(a, b) for a, b in zip(windows.first, windows.last, strict=True)])
-
-
-def _since_the_sessions_began(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the samples of the sessions up to their last windows, and where each begins among them.
-
-    Between the two: the first sample of its session, of each.
-    """
-    began = np.unique(windows.began)
-    stop = [windows.last[windows.began == first].max() for first in began]
-    ages = [np.arange(b - a) for a, b in zip(began, stop, strict=True)]
-    age = np.concatenate([np.arange(0), *ages])
-    begin = np.cumsum([0, *(part.size for part in ages)])[:-1]
-    of_each = np.repeat(began, [part.size for part in ages])
-    return of_each + age, of_each, begin
