@@ -130,7 +130,7 @@ def test_a_law_beyond_a_threshold_leads_where_the_mismatch_is_in_few_places(reco
     found = fit(problem, Model(problem.simulator.nominal, (), x0))
     run = problem.run(found.model)
     structure = find_structure(problem.simulator, run.x, problem.u)
-    everything = enumerate_hypotheses(CATALOGUE.values(), problem, found.model, run, structure)
+    everything = enumerate_hypotheses(CATALOGUE.values(), problem, run, structure)
     bank = make_bank(problem, found, everything)
     assert "clearance" in [effect.effect.code for effect in leaders(bank, 1, NONE_SILENT, 1.0)]
     evenly = replace(bank, residual=np.ones_like(bank.residual))

@@ -230,7 +230,7 @@ def test_beside_an_input_values_to_begin_with_are_counted_as_it_is():
     model = Model(simulator.nominal, (), whole.x[windows.first])
     run, structure = problem.run(model), find_structure(simulator, whole.x, u)
     for code in ("coulomb_friction", "quadratic_drag", "constant_load"):
-        found = enumerate_hypotheses([CATALOGUE[code]], problem, model, run, structure)
+        found = enumerate_hypotheses([CATALOGUE[code]], problem, run, structure)
         plain, through = (
             next(h for h in found if h.placed.port == Port("state", 2) and h.placed.through == k)
             for k in (-1, 0)

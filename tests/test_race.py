@@ -53,7 +53,7 @@ def hardening():
 
 def test_a_race_leaves_the_order_in_reach_as_it_is_and_saves_work(hardening, monkeypatch):
     problem, base, run, structure = hardening
-    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, base.model, run, structure)
+    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, run, structure)
     placed = leaders(make_bank(problem, base, hypotheses), 12, NONE_SILENT, 1.0)
     spent = []
 

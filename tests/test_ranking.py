@@ -138,7 +138,7 @@ def searched():
     base = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
     run = problem.run(base.model)
     structure = find_structure(problem.simulator, run.x, u)
-    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, base.model, run, structure)
+    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, run, structure)
     bank = make_bank(problem, base, hypotheses)
     singles = refit_leaders(problem, base, leaders(bank, 12, NONE_SILENT, 1.0))
     return problem, base, bank, singles

@@ -141,9 +141,8 @@ class TestCountedFromNearby:
         run = simulator.run(u, Windows.whole([slice(0, 1000)]), np.array([[50.0]]))
         problem = Problem(simulator, u, run.y, Windows.whole([slice(0, 1000)]), Noise.white(np.array([0.1])))
         structure = find_structure(simulator, run.x, u)
-        model = Model(simulator.nominal, (), np.array([[50.0]]))
         asked = [CATALOGUE["gain_drift"], CATALOGUE["bilinear_input"]]
-        placed = [h.placed for h in enumerate_hypotheses(asked, problem, model, run, structure)]
+        placed = [h.placed for h in enumerate_hypotheses(asked, problem, run, structure)]
         (at_input,) = [p for p in placed if p.effect.code == "gain_drift" and p.port.kind == "input"]
         np.testing.assert_allclose(at_input.bounds[2], reference_limits(u))
         (product,) = [p for p in placed if p.effect.code == "bilinear_input"]

@@ -29,7 +29,7 @@ def run_and_hypotheses(problem, found, asked, unasked=()):
     run = problem.run(found.model)
     inside = problem.rows[problem.inside]
     structure = find_structure(problem.simulator, run.x[inside], problem.u[inside])
-    return run.x[inside], enumerate_hypotheses(asked, problem, found.model, run, structure, unasked)
+    return run.x[inside], enumerate_hypotheses(asked, problem, run, structure, unasked)
 
 
 class TestAsked:
@@ -277,7 +277,7 @@ class TestSearch:
             def hypotheses(found):
                 codes = ("coulomb_friction", "quadratic_drag") if found.model.effects else first
                 asked = [CATALOGUE[code] for code in codes]
-                return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+                return enumerate_hypotheses(asked, problem, problem.run(found.model), structure)
 
             singles = []
 
@@ -321,7 +321,7 @@ class TestSearch:
         asked = [CATALOGUE[code] for code in ("coulomb_friction", "additive_drift")]
 
         def hypotheses(found):
-            return enumerate_hypotheses(asked, problem, found.model, problem.run(found.model), structure)
+            return enumerate_hypotheses(asked, problem, problem.run(found.model), structure)
 
         def chances(trial, some, offsets):
             beside_drift = any(effect.effect.code == "additive_drift" for effect in trial.base.effects)

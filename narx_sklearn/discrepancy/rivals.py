@@ -126,7 +126,7 @@ def _shown(
     if found is not None and found.fit.cost < base.cost - ALLOWED**2:
         return found
     run = problem.run(base.model)
-    hypotheses = enumerate_hypotheses([effect], problem, base.model, run, diagnosis.structure, n_jobs=n_jobs)
+    hypotheses = enumerate_hypotheses([effect], problem, run, diagnosis.structure, n_jobs=n_jobs)
     taken = {placed.place for placed in base.model.effects}
     bank = make_bank(problem, base, [h for h in hypotheses if h.placed.place not in taken], n_jobs)
     if not bank.useful.any():

@@ -79,7 +79,7 @@ def effect_tangents(
     problem = Problem(simulator, u, run.y, windows, Noise.white(sigma))
     base = fit(problem, Model(simulator.nominal, simulator.effects, x0), iterations=0)
     structure = find_structure(simulator, run.x, u)
-    hypotheses = enumerate_hypotheses(effects, problem, base.model, run, structure, n_jobs=n_jobs)
+    hypotheses = enumerate_hypotheses(effects, problem, run, structure, n_jobs=n_jobs)
     parts = [slice(k, k + 1) for k in range(windows.count)] if apart else [slice(0, windows.count)]
     own = [directions(base.jacobian[part]) for part in parts]
 

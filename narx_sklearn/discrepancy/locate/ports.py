@@ -130,7 +130,7 @@ def port_table(forces: Sequence[LatentForce], simulator: Simulator, windows: Win
     """
     order = sorted(range(len(forces)), key=lambda i: -forces[i].evidence)
     best = forces[order[0]]
-    blocks = _blocks(windows, best.log_likelihood.size)
+    blocks = _blocks(windows)
     something = len(forces) * min(force.p_value for force in forces) <= NOTHING
     rows = []
     for i in order:
@@ -155,7 +155,7 @@ def port_table(forces: Sequence[LatentForce], simulator: Simulator, windows: Win
     return pd.DataFrame(rows)
 
 
-def _blocks(windows: Windows, n_samples: int) -> np.ndarray:
+def _blocks(windows: Windows) -> np.ndarray:
     """Return the first sample of each stretch whose log likelihoods are compared."""
     if windows.count >= FEWEST_BLOCKS:
         return windows.first

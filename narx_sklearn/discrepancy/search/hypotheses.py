@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.places import Argument, parameter_placements, placed_at, placements
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
@@ -34,7 +34,6 @@ class Hypothesis(NamedTuple):
 def enumerate_hypotheses(
     effects: Iterable[Effect],
     problem: Problem,
-    model: Model,
     run: Run,
     structure: Structure,
     unasked: Iterable[Effect] = (),

@@ -1,5 +1,6 @@
 """A simulator near a point: derivatives of its equations, and states at which it rests."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ def steady_state(simulator: Simulator, u, p=None) -> np.ndarray:
         return rates - x if simulator.discrete else rates
 
     found: list[tuple[bool, int, np.ndarray]] = []
-    for start in _starts(simulator, u):
+    for start in _starts(simulator):
         with np.errstate(all="ignore"):
             solution = root(balance, start).x
             left = balance(solution)
@@ -79,7 +80,7 @@ def steady_state(simulator: Simulator, u, p=None) -> np.ndarray:
     return min(found, key=lambda entry: entry[:2])[2] + 0.0
 
 
-def _starts(simulator: Simulator, u: np.ndarray):
+def _starts(simulator: Simulator) -> Iterator[np.ndarray]:
     """Yield points from which a rest is looked for."""
     n = len(simulator.states)
     yield np.zeros(n)

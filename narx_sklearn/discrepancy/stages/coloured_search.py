@@ -200,9 +200,7 @@ def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: 
     """Return all that may be missing beside a fitted model, at every place where it may act."""
     unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
     run = problem.run(found.model)
-    return enumerate_hypotheses(
-        settings.effects, problem, found.model, run, structure, unasked, settings.n_jobs
-    )
+    return enumerate_hypotheses(settings.effects, problem, run, structure, unasked, settings.n_jobs)
 
 
 def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None) -> Candidate:

@@ -33,7 +33,7 @@ def best_laws(
         storage_hypotheses(simulator, structure, x),
         place_hypotheses(simulator, structure, x),
     )
-    memories = enumerate_hypotheses(MEMORIES, problem, refitted.model, run, structure, n_jobs=n_jobs)
+    memories = enumerate_hypotheses(MEMORIES, problem, run, structure, n_jobs=n_jobs)
     tried = [(hypotheses, TRIED) for hypotheses in kinds] + [(memories, len(memories))]
     found = [_best(problem, refitted, beside, hypotheses, n, n_jobs) for hypotheses, n in tried if hypotheses]
     return [law for law in found if law is not None]
