@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.stats import binom
 
+from narx_sklearn.analysis._correlations import _lagged_sums, holm
 from narx_sklearn.analysis._surrogates import draw_surrogate, fit_noise_model, segment_reach
-from narx_sklearn.analysis.residuals import _holm, _lagged_sums, residual_tests
+from narx_sklearn.analysis.residuals import residual_tests
 from narx_sklearn.exceptions import ExcitationWarning
 
 FAST = 99  # surrogates: the tests are exact with any number, only the p-values are coarser
@@ -67,7 +68,7 @@ def test_no_product_crosses_an_edge_or_a_gap(labels, max_lag, seed):
 
 def test_holm_by_hand():
     # smallest times 4, next times 3, then times 2 = 0.06 lifted to the 0.09 before it, then times 1
-    np.testing.assert_allclose(_holm(np.array([0.04, 0.005, 0.03, 0.03])), [0.09, 0.02, 0.09, 0.09])
+    np.testing.assert_allclose(holm(np.array([0.04, 0.005, 0.03, 0.03])), [0.09, 0.02, 0.09, 0.09])
 
 
 def test_burg_recovers_an_autoregression_over_segments():

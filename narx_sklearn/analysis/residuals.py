@@ -1,85 +1,77 @@
 """Residual analysis: is what the model leaves over only noise, and if not, what is missing?"""
 
-import warnings
 from dataclasses import dataclass
 from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numba import njit
-from scipy.stats import norm
 from sklearn.utils import check_random_state
 
 from narx_sklearn._validation import as_signals, column_labels, signal_names
-from narx_sklearn.analysis._surrogates import draw_surrogate, fit_noise_model, segment_reach
-from narx_sklearn.exceptions import ExcitationWarning
+from narx_sklearn.analysis._correlations import (
+    FIRST_LAG,
+    calibrate,
+    correlate,
+    critical_value,
+    holm,
+    p_value_of,
+    standardise,
+)
+from narx_sklearn.analysis._surrogates import segment_reach
 
 __all__ = ["ResidualTest", "ResidualTests", "residual_tests"]
 
 MIN_PRODUCTS = 20  # products a correlation needs before its own spread can normalise it
-N_CALIBRATION = 10_000  # samples the surrogates use; the null law of the statistic no longer moves beyond
-N_WINDOWS = 10  # stretches of a longer record that make up those samples
-CONSTANT = 1e-12  # standard deviation, as a share of the largest value, under which a signal is constant
 
 
 class _Kind(NamedTuple):
-    """One kind of test: the lags it starts at, its symbol, and what its failure says."""
+    """One kind of test: its symbol, and what its failure says."""
 
-    first_lag: int
     symbol: str
     finding: str
 
 
 _KINDS = {
     "autocorrelation": _Kind(
-        1,
         "xi, xi",
         "The residuals are coloured ({lags}). Try more output lags, or extended least squares, which "
         "models the noise.",
     ),
     "output-residual": _Kind(
-        1,
         "(y xi), xi^2",
         "The size of the residuals feeds forward ({lags}): the noise enters nonlinearly. Try a higher "
         "degree in the outputs, or extended least squares.",
     ),
     "cross-correlation": _Kind(
-        0,
         "{u}, xi",
         "The model misses linear dynamics of input {u} ({lags}). Try input lags that cover them; the "
         "current input (lag 0) is among the candidates only with delay=0.",
     ),
     "residual-input": _Kind(
-        1,
         "xi, (xi {u})",
         "Noise and input {u} act as a product ({lags}). Try terms that multiply outputs and {u}.",
     ),
     "even": _Kind(
-        0,
         "{u}^2, xi",
         "The model misses an even nonlinear effect of input {u} ({lags}). Try a higher degree at these lags.",
     ),
     "odd": _Kind(
-        0,
         "{u}^3, xi",
         "The model misses an odd nonlinear effect of input {u}, such as a cube ({lags}). Try degree 3 or "
         "higher at these lags.",
     ),
     "spread": _Kind(
-        0,
         "{u}^2, xi^2",
         "The spread of the residuals follows the size of input {u} ({lags}): a nonlinear effect is missing "
         "(try a higher degree), or the noise itself grows with {u}.",
     ),
     "output-input": _Kind(
-        0,
         "(y xi), {u}^2",
         "Output and residual together follow the size of input {u} ({lags}). Try a higher degree and terms "
         "that multiply outputs and {u}.",
     ),
     "feedback": _Kind(
-        1,
         "{u}, xi",
         "Input {u} follows earlier residuals ({lags}): the record was made in closed loop. That is no fault "
         "of the model, and lags from 0 on are judged apart from it.",
@@ -382,178 +374,28 @@ def residual_tests(
         valid &= np.isfinite(y)
     reach = segment_reach(valid, sessions)
     _check_length(reach, max_lag)
-    xi, record, skipped = _standardise(xi[valid], u[valid], None if y is None else y[valid], names, reach)
-    observed = _sums(xi, record, max_lag)
+    xi, record, skipped = standardise(xi[valid], u[valid], None if y is None else y[valid], names, reach)
+    observed = correlate(xi, record, max_lag)
     rng = np.random.default_rng(check_random_state(random_state).randint(2**31 - 1))
-    noise, draws = _calibrate(xi, record, observed, alpha, n_resamples, rng)
+    noise, draws = calibrate(xi, record, observed, alpha, n_resamples, rng)
     tests, feedback = _judge(observed, draws, names, alpha)
     return ResidualTests(tests, feedback, int(xi.size), alpha, noise.order, skipped)
 
 
-class _Record(NamedTuple):
-    """What surrogates leave as it is: centred signals of unit variance, at the usable samples only."""
-
-    u: dict[int, np.ndarray]  # by column of X; a constant input is absent
-    u_squared: dict[int, np.ndarray]  # absent where the square is constant, as of a two-level input
-    u_cubed: dict[int, np.ndarray]  # less what u itself explains; absent where that is all
-    predicted: np.ndarray | None  # y - xi, in units of the residuals' standard deviation
-    reach: np.ndarray  # samples before each one in its segment
-
-
-class _Sums(NamedTuple):
-    """Lagged sums of one test over its lags."""
-
-    total: np.ndarray  # sum of the products p
-    spread: np.ndarray  # its standard deviation when p has mean zero
-    norm: float  # makes total a correlation coefficient
-
-    @property
-    def farthest(self):
-        """Largest |total| / spread over the lags: the statistic of the test."""
-        return np.max(np.abs(self.total) / np.where(self.spread > 0.0, self.spread, np.inf))
-
-
-@njit(cache=True, nogil=True)
-def _lagged_sums(a, b, reach, max_lag):
-    """Sum a[k - tau] * b[k], and the squares of these products, over k for tau = 0..max_lag."""
-    total = np.zeros(max_lag + 1)
-    square = np.zeros(max_lag + 1)
-    for k in range(b.size):
-        # lags innermost, the longest first: neighbouring sums and samples, so the loop vectorises
-        n_lags = min(reach[k], max_lag) + 1
-        past = a[k + 1 - n_lags : k + 1]
-        total_k = total[max_lag + 1 - n_lags :]
-        square_k = square[max_lag + 1 - n_lags :]
-        for i in range(n_lags):
-            product = past[i] * b[k]
-            total_k[i] += product
-            square_k[i] += product * product
-    return total[::-1], square[::-1]
-
-
-def _pairs(xi, record):
-    """Return the signals (a, b) of every test, keyed by its name and the column of its input."""
-    xi_squared = _centred(xi**2)
-    pairs = {("autocorrelation", None): (xi, xi)}
-    if record.predicted is not None:
-        y_xi = _centred((record.predicted + xi) * xi)
-        pairs["output-residual", None] = (xi_squared, y_xi)
-    for j, u in record.u.items():
-        pairs["cross-correlation", j] = (u, xi)
-        pairs["residual-input", j] = (_centred(xi * u), xi)
-        if j in record.u_squared:
-            u_squared = record.u_squared[j]
-            pairs["even", j] = (u_squared, xi)
-        if j in record.u_cubed:
-            pairs["odd", j] = (record.u_cubed[j], xi)
-        if j in record.u_squared:
-            pairs["spread", j] = (u_squared, xi_squared)
-            if record.predicted is not None:
-                pairs["output-input", j] = (u_squared, y_xi)
-        pairs["feedback", j] = (xi, u)
-    return pairs
-
-
-def _sums(xi, record, max_lag):
-    """Compute the sums of every test."""
-    sums = {}
-    for (name, j), (a, b) in _pairs(xi, record).items():
-        total, square = _lagged_sums(a, b, record.reach, max_lag)
-        norm_ab = np.sqrt((a @ a) * (b @ b))
-        spread = np.sqrt(square)
-        if name == "spread":  # an alarm comes from few large products here; they must not divide themselves
-            spread = norm_ab * np.sqrt(_count_products(record.reach, max_lag)) / xi.size
-        lags = slice(_KINDS[name].first_lag, None)
-        sums[name, j] = _Sums(total[lags], spread[lags], norm_ab)
-    return sums
-
-
-def _count_products(reach, max_lag):
-    """Count the samples that reach back by tau = 0..max_lag."""
-    counts = np.bincount(np.minimum(reach, max_lag), minlength=max_lag + 1)
-    return counts[::-1].cumsum()[::-1]
-
-
-def _calibrate(xi, record, observed, alpha, n_resamples, rng):
-    """Draw the statistic of every test under the null hypothesis, and say with which noise."""
-    key = ("autocorrelation", None)
-    max_lag = observed[key].total.size
-    part = _calibration_part(record, max_lag)
-
-    def draw(noise):
-        surrogates = (draw_surrogate(noise, part.reach.size, rng) for _ in range(n_resamples))
-        rows = [[s.farthest for s in _sums(xi, part, max_lag).values()] for xi in surrogates]
-        return dict(zip(observed, np.sort(rows, axis=0).T, strict=True))
-
-    white = fit_noise_model(xi, record.reach, max_order=0)
-    draws = draw(white)
-    if _p_value(observed[key], draws[key], alpha) > alpha:
-        return white, draws
-    coloured = fit_noise_model(xi, record.reach, max_order=max_lag)
-    if coloured.order == 0:
-        return white, draws
-    return coloured, {**draw(coloured), key: draws[key]}
-
-
-def _calibration_part(record, max_lag):
-    """Return the record itself, or evenly spaced stretches of a long one."""
-    n_samples = record.reach.size
-    length = max(N_CALIBRATION // N_WINDOWS, 20 * max_lag)
-    if n_samples <= N_WINDOWS * length:
-        return record
-    starts = np.linspace(0, n_samples - length, N_WINDOWS).astype(int)
-    within = np.arange(length)
-    index = np.add.outer(starts, within).ravel()
-    return _Record(
-        {j: u[index] for j, u in record.u.items()},
-        {j: u[index] for j, u in record.u_squared.items()},
-        {j: u[index] for j, u in record.u_cubed.items()},
-        None if record.predicted is None else record.predicted[index],
-        np.minimum(record.reach[index], np.tile(within, N_WINDOWS)),
-    )
-
-
-def _critical_value(draws, alpha):
-    """Return the value that a fraction alpha of draws and observation together exceeds."""
-    # 1e-9: alpha * (n + 1) is meant to be whole, as 0.05 * 500, whatever the rounding
-    return draws[-int(alpha * (draws.size + 1) + 1e-9)]
-
-
-def _p_value(sums, draws, alpha):
-    """Return the rank of the statistic among the draws, continued as a Gaussian tail beyond them."""
-    n_above = draws.size - np.searchsorted(draws, sums.farthest)
-    p_value = (1 + n_above) / (draws.size + 1)
-    if n_above == 0:
-        n_lags = sums.total.size
-        gaussian = norm.isf((1.0 - (1.0 - alpha) ** (1.0 / n_lags)) / 2.0)
-        scale = max(1.0, _critical_value(draws, alpha) / gaussian)
-        p_value = min(p_value, n_lags * 2.0 * norm.sf(sums.farthest / scale))
-    return p_value
-
-
-def _holm(p_values):
-    """Adjust p-values for the number of tests by Holm's step-down procedure."""
-    order = np.argsort(p_values)
-    steps = p_values[order] * np.arange(p_values.size, 0, -1)
-    adjusted = np.empty_like(p_values)
-    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    return adjusted
-
-
 def _judge(observed, draws, names, alpha):
     """Decide every test; feedback, which is no fault of a model, apart from the others."""
-    p_values = {key: _p_value(sums, draws[key], alpha) for key, sums in observed.items()}
+    p_values = {key: p_value_of(sums, draws[key], alpha) for key, sums in observed.items()}
     counted = [key for key in observed if key[0] != "feedback"]
-    adjusted = dict(zip(counted, _holm(np.array([p_values[key] for key in counted])), strict=True))
+    adjusted = dict(zip(counted, holm(np.array([p_values[key] for key in counted])), strict=True))
 
     def result(key):
         name, j = key
         sums, kind, u = observed[key], _KINDS[name], None if j is None else names[j]
-        lags = np.arange(sums.total.size) + kind.first_lag
+        lags = np.arange(sums.total.size) + FIRST_LAG[name]
         p_value = float(p_values[key])
         adjusted_p_value = float(adjusted.get(key, p_value))
         correlation = sums.total / sums.norm
-        bound = _critical_value(draws[key], alpha) * sums.spread / sums.norm
+        bound = critical_value(draws[key], alpha) * sums.spread / sums.norm
         if name == "feedback":  # its input comes later than the residual: a negative lag, in rising order
             lags, correlation, bound = -lags[::-1], correlation[::-1], bound[::-1]
         return ResidualTest(
@@ -570,53 +412,6 @@ def _judge(observed, draws, names, alpha):
 
     feedback = [key for key in observed if key[0] == "feedback"]
     return tuple(map(result, counted)), tuple(map(result, feedback))
-
-
-def _centred(values):
-    return values - values.mean()
-
-
-def _scaled(values):
-    """Return the centred values in units of their standard deviation, and that; 0 if they are constant."""
-    centred = _centred(values)
-    scale = np.sqrt(np.mean(centred**2))
-    if scale <= CONSTANT * np.max(np.abs(values)):
-        return np.zeros_like(values), 0.0
-    return centred / scale, scale
-
-
-def _standardise(xi, u, y, names, reach):
-    """Bring all signals to unit variance; leave out, and name, those that do not vary."""
-    scaled, scale = _scaled(xi)
-    if scale == 0.0:
-        raise ValueError(
-            f"residuals are constant ({xi[0]:g}) over the {xi.size} usable samples, but a correlation needs "
-            "them to vary. Pass the measured output minus its one-step-ahead prediction."
-        )
-    inputs, squares, cubes, skipped = {}, {}, {}, []
-    for j, name in enumerate(names):
-        values, spread = _scaled(u[:, j])
-        if spread == 0.0:
-            sentence = f"Input {name} is constant ({u[0, j]:g}): nothing about it could be tested."
-            warnings.warn(sentence + " Use a record in which it moves.", ExcitationWarning, stacklevel=3)
-            skipped.append(sentence)
-            continue
-        inputs[j] = values
-        squared, spread = _scaled(values**2)
-        if spread:
-            squares[j] = squared
-        cubed = values**3 - values * np.mean(values**4)  # the cube less what u itself explains
-        cubed, spread = _scaled(cubed)
-        if spread > CONSTANT:
-            cubes[j] = cubed
-        hidden = [effect for effect, seen in (("even", squares), ("odd", cubes)) if j not in seen]
-        if hidden:
-            skipped.append(
-                f"Input {name} takes so few values that {' and '.join(hidden)} nonlinear effects of it "
-                "cannot be seen on this record."
-            )
-    predicted = None if y is None else _centred(y - xi) / scale
-    return scaled, _Record(inputs, squares, cubes, predicted, reach), tuple(skipped)
 
 
 def _list_lags(lags):
