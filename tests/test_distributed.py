@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.identification import record
+from narx_sklearn.identification.compression import screened_library, screened_on_factor, total_factor
 from narx_sklearn.identification.narx_cv import Fold, runs_of, split_in_runs
-from narx_sklearn.identification.procedure import screened_library, screened_on_factor, total_factor
 from narx_sklearn.identification.record import ArrayRecord
 from narx_sklearn.model import DifferenceSign, Play, TermLibrary
 from narx_sklearn.model.recording import Layout
@@ -175,8 +175,8 @@ def test_a_batch_may_be_a_dask_collection():
 
 @pytest.mark.parametrize("constraints", [None, "y[k-1] + y[k-2] = 0.3"])
 def test_large_libraries_are_screened_to_the_same_candidates(constraints, monkeypatch):
-    monkeypatch.setattr("narx_sklearn.identification.procedure.SCREENING_CANDIDATES", 20)
-    monkeypatch.setattr("narx_sklearn.identification.procedure.SCREENED_PER_TERM", 2)
+    monkeypatch.setattr("narx_sklearn.identification.compression.SCREENING_CANDIDATES", 20)
+    monkeypatch.setattr("narx_sklearn.identification.compression.SCREENED_PER_TERM", 2)
     more = SETTINGS | {"constraints": constraints, "origin": "zero"}
     plain = NARXRegressor(**more).fit(*RECORD)
     ours = NARXRegressor(**more).fit(*(chunked(d, [99, 141]) for d in RECORD))

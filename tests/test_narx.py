@@ -17,7 +17,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.exceptions import DivergenceWarning, ExcitationWarning, NarxWarning, RankWarning
-from narx_sklearn.identification import procedure
+from narx_sklearn.identification import compression
 from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Polynomial, TermLibrary, free_run
 
 NINE_TERMS = NARXModel.from_equations(
@@ -190,7 +190,7 @@ def test_a_screened_library_gives_the_model_of_all_its_columns(
     record, monkeypatch, constraints, holds, search
 ):
     """165 candidates, with screening from 100 on: what a constraint names must outlive it."""
-    monkeypatch.setattr(procedure, "SCREENING_CANDIDATES", 100)
+    monkeypatch.setattr(compression, "SCREENING_CANDIDATES", 100)
     task = {"degree": 3, "constraints": constraints, "search": search, "refine": False, "max_terms": 12}
     screened = NARXRegressor(4, 4, **task).fit(*record)
     assert len(screened.candidates_) < 60
@@ -200,8 +200,8 @@ def test_a_screened_library_gives_the_model_of_all_its_columns(
         left, right = text.split("=")
         total = sum(value * parameters.get(str(term), 0.0) for term, value in Polynomial.parse(left).items)
         assert total == pytest.approx(float(right), abs=1e-12)
-    monkeypatch.setattr(procedure, "SCREENING_CANDIDATES", 10_000)
-    monkeypatch.setattr(procedure, "FORWARD_CANDIDATES", 10_000)
+    monkeypatch.setattr(compression, "SCREENING_CANDIDATES", 10_000)
+    monkeypatch.setattr(compression, "FORWARD_CANDIDATES", 10_000)
     whole = NARXRegressor(4, 4, **task).fit(*record)
     assert len(whole.candidates_) == 165
     # without lags that screening left out there are a few more samples

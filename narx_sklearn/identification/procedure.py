@@ -1,39 +1,27 @@
-"""The steps of an identification, from measured arrays to a model: scale, compress, select, estimate.
+"""The steps of an identification, from a record to a model: scale, compress, select, estimate.
 
-`NARXRegressor` and `NARXRegressorCV` are state round these functions.
+`NARXRegressor` and `NARXRegressorCV` are state round these functions. ``compression`` makes the factor.
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_magnitude
 from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
-from narx_sklearn.identification.factor import Checkpoint, Factor, compress
-from narx_sklearn.identification.record import CHUNK_ROWS, Block, Record
-from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
-from narx_sklearn.identification.screening import screen_terms
+from narx_sklearn.identification.factor import Factor
+from narx_sklearn.identification.record import CHUNK_ROWS, Record
 from narx_sklearn.identification.selection import SelectionPath, search_terms
-from narx_sklearn.identification.uncertainty import OneStepScores, n_stretches
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.recording import Layout, lay_out
 from narx_sklearn.model.terms import Term, TermLibrary
-
-# Above this many candidates the per-term pass screens them first, and the factor holds the survivors.
-SCREENING_CANDIDATES = 500
-FORWARD_CANDIDATES = 120  # the same for a forward search, to which nothing is lost by it
-FEWEST_USABLE = 3  # samples with all lagged values; a criterion takes the logarithm of their logarithm
-SCREENED_PER_TERM = 4  # candidates kept by screening for each term that may be selected
 
 
 @dataclass(frozen=True)
@@ -264,231 +252,9 @@ def with_origin(layout: Layout, origin: Mapping[str, float]) -> Layout:
     )
 
 
-def compress_record(
-    library: TermLibrary,
-    layout: Layout,
-    record: Record,
-    *,
-    max_terms: int,
-    constraints: Sequence[LinearConstraints] = (),
-    search: str = "exchange",
-    screen: bool = True,
-    checkpoint=None,
-) -> Compressed:
-    """Compress a record; large libraries are screened first.
-
-    A forward search wants the first terms of the ERR order only, which the passes over the data give at
-    less cost than the factor of all candidates, and exactly. The other searches are left several times as
-    many candidates as they may select.
-
-    Parameters
-    ----------
-    library : TermLibrary
-        Candidate terms.
-    layout : Layout
-        Channels with origin and scale.
-    record : Record
-        The record.
-    max_terms : int
-        Largest number of terms that will be selected.
-    constraints : sequence of LinearConstraints, default=()
-        Constraints of each output, on parameters in measured units; their terms stay candidates.
-    search : str, default="exchange"
-        The search that will follow.
-    screen : bool, default=True
-        Whether candidates may be left out.
-    checkpoint : path-like, default=None
-        Folder of the factors that an interrupted pass left.
-
-    Returns
-    -------
-    Compressed
-
-    Raises
-    ------
-    ValueError
-        If fewer than three samples have all lagged values.
-    """
-    full = len(library)
-    forward = search == "forward" and not any(len(c) for c in constraints)
-    if screen and len(library) > (FORWARD_CANDIDATES if forward else SCREENING_CANDIDATES):
-        n_terms = max_terms if forward else SCREENED_PER_TERM * max_terms
-        if record.in_memory:
-            library = screened_library(library, layout, record, n_terms, constraints)
-        else:
-            factor = total_factor(library, layout, record, checkpoint)
-            check_enough(factor.n_samples, library, layout, record.n_samples)
-            library = screened_on_factor(library, layout, factor, n_terms, constraints)
-    factor = total_factor(library, layout, record, checkpoint)
-    check_enough(factor.n_samples, library, layout, record.n_samples)
-    return Compressed(library, layout, factor, full)
-
-
-def total_factor(library: TermLibrary, layout: Layout, record: Record, checkpoint=None) -> Factor:
-    """Return the factor of a record: its blocks compressed where they are, and merged."""
-    kept = None
-    if checkpoint is not None:
-        settings = {
-            "outputs": layout.outputs,
-            "inputs": layout.inputs,
-            "phi": [str(p.to_dict()) for p in layout.phi],  # functions by name: their own text is an address
-            "terms": library.names,
-            "origin": layout.origin.tolist(),
-            "scale": layout.scale.tolist(),
-            "record": record.description(),
-        }
-        # one stage for each origin and each screening that a fit works at; of two origins the second
-        # moves fewer signals
-        moved = np.count_nonzero(layout.origin)
-        kept = Checkpoint(checkpoint, f"{moved}-moved-{len(library)}-terms", settings)
-    return record.total(
-        partial(factor_of_block, library, layout),
-        Factor.merge,
-        reach=reach_of(library, layout),
-        whole=remembers_all(layout),
-        checkpoint=kept,
-    )
-
-
-def factor_of_block(library: TermLibrary, layout: Layout, block: Block) -> Factor:
-    """Compress one block of a record."""
-    with single_threaded_blas():
-        return compress([Candidates.in_block(library, layout, block)])
-
-
-def check_enough(n_usable: int, library: TermLibrary, layout: Layout, n_samples: int) -> None:
-    """Raise a ValueError where fewer samples of a record have all lagged values than identify anything."""
-    if n_usable < FEWEST_USABLE:
-        longest = reach_of(library, layout)
-        usable = f"only {n_usable}" if n_usable else "none"
-        raise ValueError(
-            f"Of n_samples = {n_samples} {usable} can be used: the longest lag is {longest}, so at least "
-            f"{longest + FEWEST_USABLE} samples in a row, within one session and without a gap, are needed. "
-            "Pass a longer record, or fewer lags."
-        )
-
-
-def screened_library(
-    library: TermLibrary,
-    layout: Layout,
-    record: Record,
-    n_terms: int,
-    constraints: Sequence[LinearConstraints] = (),
-) -> TermLibrary:
-    """Return the candidates that forward ERR passes over the data put first, for all outputs."""
-    candidates = Candidates.of(library, layout, lay_out(layout, *record.everything()))
-    check_enough(candidates.n_rows, library, layout, record.n_samples)
-    kept: set[int] = set()
-    for output in range(len(layout.outputs)):
-        scaled = None
-        if constraints and len(constraints[output]):
-            scaled = constraints[output].scaled(parameter_scales(layout, library, output))
-            kept |= {int(j) for j in scaled.terms}
-        kept |= set(screen_terms(candidates, n_terms, output=output, constraints=scaled).order)
-    return library.subset(sorted(kept))
-
-
-def screened_on_factor(
-    library: TermLibrary,
-    layout: Layout,
-    factor: Factor,
-    n_terms: int,
-    constraints: Sequence[LinearConstraints] = (),
-) -> TermLibrary:
-    """Return what `screened_library` returns, for a record that is compressed already."""
-    kept: set[int] = set()
-    for output in range(len(layout.outputs)):
-        rest, left = np.arange(len(library)), factor
-        if constraints and len(constraints[output]):
-            scaled = constraints[output].scaled(parameter_scales(layout, library, output))
-            kept |= {int(j) for j in scaled.terms}
-            rest, left = _without_named(factor, scaled, output)
-        path = search_terms(left, n_terms, search="forward", output=output)
-        kept |= {int(rest[j]) for j in path.supports[-1]}
-    return library.subset(sorted(kept))
-
-
-def _without_named(factor: Factor, constraints: LinearConstraints, output: int) -> tuple[np.ndarray, Factor]:
-    """Return the columns that constraints do not name, and their factor with the named ones projected out."""
-    named = list(constraints.terms)
-    fixed, free = constraints.restrict(named).solution_space()
-    rest = np.setdiff1d(np.arange(factor.n_terms), named)
-    n_free, width = free.shape[1], factor.R.shape[1]
-    # columns of T: the directions that the constraints leave free, the other terms, the outputs
-    T = np.zeros((width, n_free + rest.size + factor.n_outputs))
-    T[named, :n_free] = free
-    T[rest, n_free + np.arange(rest.size)] = 1.0
-    T[factor.n_terms + np.arange(factor.n_outputs), n_free + rest.size + np.arange(factor.n_outputs)] = 1.0
-    T[named, n_free + rest.size + output] = -fixed
-    # the rows of a triangular factor below its first columns are orthogonal to those columns
-    R = factor.combine(T).R[n_free:, n_free:]
-    return rest, Factor(R, factor.n_outputs, factor.n_samples)
-
-
-def stretch_factors(
-    library: TermLibrary, layout: Layout, record: Record, *, shortest: float | None = None
-) -> list[Factor]:
-    """Return the factors of a few long stretches of the record, equal in usable samples.
-
-    With ``shortest`` given there are fewer where they would be shorter than that, one at least.
-    """
-    reach, whole = reach_of(library, layout), remembers_all(layout)
-    found = record.map(partial(usable_in_block, library, layout), reach=reach, whole=whole)
-    usable = np.array([n for _, n in found], dtype=int)
-    n_samples = int(usable.sum())
-    count = n_stretches(n_samples)
-    if shortest is not None:
-        count = max(min(count, int(n_samples / shortest)), 1)
-    # stretch w holds the usable samples i with i * count // n_samples == w
-    edges = [-(-w * n_samples // count) for w in range(count + 1)]
-    done = {first: int(d) for (first, _), d in zip(found, np.cumsum(usable) - usable, strict=True)}
-    parts = record.total(
-        partial(stretches_of_block, library, layout, edges, done), merge_parts, reach=reach, whole=whole
-    )
-    empty = Factor.empty(len(library), len(layout.outputs))
-    return [parts.get(w, empty) for w in range(count)]
-
-
-def usable_in_block(library: TermLibrary, layout: Layout, block: Block) -> tuple[int, int]:
-    """Return where a block begins and how many of its samples have all lagged values."""
-    return block.first, Candidates.in_block(library, layout, block).n_rows
-
-
-def stretches_of_block(
-    library: TermLibrary, layout: Layout, edges: list[int], done: dict[int, int], block: Block
-) -> dict[int, Factor]:
-    """Return the factors of the parts of stretches that lie in a block."""
-    candidates = Candidates.in_block(library, layout, block)
-    begin = done[block.first]
-    found = {}
-    with single_threaded_blas():
-        for w, (a, b) in enumerate(pairwise(edges)):
-            rows = candidates.rows[max(a - begin, 0) : max(b - begin, 0)]
-            if rows.size:
-                found[w] = compress([replace(candidates, rows=rows)])
-    return found
-
-
 def merge_parts(one: dict[Any, Factor], other: dict[Any, Factor]) -> dict[Any, Factor]:
     """Return the factors of both, those of the same part merged."""
     return one | other | {key: one[key].merge(other[key]) for key in one.keys() & other.keys()}
-
-
-def scores_on_factors(
-    factors: Sequence[Factor], theta: np.ndarray, output: int, n_samples: int
-) -> OneStepScores:
-    """Return what `one_step_scores` sums over stretches, from the stretches' factors.
-
-    A factor has the inner products of its samples: Psi'Psi = R'R, and Psi'xi = R'(r - R theta) with r the
-    output's column. ``n_samples`` is how many samples they stand for together.
-    """
-    left = [f.target(output) - f.Psi @ theta for f in factors]
-    power = sum(float(r @ r) for r in left)
-    return OneStepScores(
-        np.array([f.Psi.T @ f.Psi for f in factors]),
-        np.array([f.Psi.T @ r for f, r in zip(factors, left, strict=True)]),
-        float(np.sqrt(power / max(n_samples - theta.size, 1))),
-    )
 
 
 @dataclass(frozen=True)

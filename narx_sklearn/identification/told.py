@@ -8,18 +8,13 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.identification.constraints import LinearConstraints
-from narx_sklearn.identification.procedure import (
-    Selected,
-    on_library,
-    parameter_scales,
-    scores_on_factors,
-    stretch_factors,
-)
+from narx_sklearn.identification.procedure import Selected, on_library, parameter_scales
 from narx_sklearn.identification.record import ArrayRecord, Record
 from narx_sklearn.identification.refinement import free_run_uncertainty
 from narx_sklearn.identification.regressors import candidates_of
 from narx_sklearn.identification.selection import err_order
 from narx_sklearn.identification.simulation_search import FreeRunData
+from narx_sklearn.identification.stretches import scores_on_factors, stretch_factors
 from narx_sklearn.identification.uncertainty import (
     OneStepScores,
     ParameterUncertainty,
