@@ -99,7 +99,12 @@ def test_imports_go_only_downwards(module):
         )
 
 
-LARGE = ["discrepancy", *(f"discrepancy/{room}" for room in ROOMS_OF_DIAGNOSIS), "physics/effects"]
+LARGE = [
+    "identification",
+    "discrepancy",
+    *(f"discrepancy/{room}" for room in ROOMS_OF_DIAGNOSIS),
+    "physics/effects",
+]
 
 
 @pytest.mark.parametrize("room", LARGE)

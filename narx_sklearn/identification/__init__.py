@@ -1,4 +1,25 @@
-"""Identification of NARX models: regressors, compression, selection, estimation, estimators."""
+"""Identification of NARX models, from records to models and what is told of them.
+
+The estimators
+    ``narx`` identifies one model, ``narx_cv`` chooses lags, degree and size as well; ``settings`` is what may
+    be asked of them. ``transformers`` and the ``err_selector`` are parts of ordinary pipelines.
+What is to be identified
+    ``opening`` makes a ``record`` of what is handed over, that is read block by block: arrays, ``recordings``
+    in files, ``distributed`` ones, ``batches`` of a stream. ``posing`` chooses signals, candidate terms by
+    their ``structure`` (``hysteresis``, ``isolable``; no powers of ``two_values``) and ``constraints``.
+    ``dead`` values are told of.
+Terms and parameters
+    ``choosing`` goes through the steps of a ``procedure``: ``compression`` of the ``regressors`` into a
+    ``factor``, after the ``screening`` of many by their inner ``_products``; ``selection`` on it, by
+    ``criteria``; ``estimation``, also ``extended`` by terms of noise.
+The free run
+    ``free_run_fit`` has ``refinement`` fit parameters by it and ``simulation_search`` choose terms, and keeps
+    what they find where one-step errors show no ``whiteness``; ``sizes`` lets it choose how many terms. Free
+    runs are judged by ``scoring``; some are ``lost``, ``many`` go at the same time.
+What is told of a model
+    ``told`` with its ``uncertainty``, from ``stretches`` of the record; its ``residuals``, and clusters of
+    its terms that are ``spurious``.
+"""
 
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
 from narx_sklearn.identification.criteria import CRITERIA, information_criterion
