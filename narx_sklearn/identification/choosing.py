@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from narx_sklearn.identification.compression import compress_record
-from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.constraints import LinearConstraints, on_screened
 from narx_sklearn.identification.estimation import recursive_least_squares
 from narx_sklearn.identification.extended import extended_least_squares
 from narx_sklearn.identification.procedure import (
@@ -11,7 +11,6 @@ from narx_sklearn.identification.procedure import (
     Problem,
     Selected,
     compress_choices,
-    on_screened,
     origin_choices,
     scaled_constraints,
     scaled_layout,

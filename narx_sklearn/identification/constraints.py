@@ -99,6 +99,24 @@ class LinearConstraints:
         return Elimination(np.array(pivots, dtype=int), rest, S[:, rest], c)
 
 
+def on_library(
+    constraints: LinearConstraints | None, full: TermLibrary, part: TermLibrary
+) -> LinearConstraints | None:
+    """Return constraints on ``full`` as constraints on the terms of ``part``."""
+    if constraints is None or not len(constraints):
+        return None
+    return constraints.restrict([full.index(term) for term in part])
+
+
+def on_screened(
+    constraints: LinearConstraints, full: TermLibrary, kept: TermLibrary
+) -> LinearConstraints | None:
+    """Return constraints on all candidates as constraints on those that screening kept (all they name)."""
+    if not len(constraints):
+        return None
+    return LinearConstraints(constraints.S[:, [full.index(term) for term in kept]], constraints.c)
+
+
 @dataclass(frozen=True, eq=False)
 class Elimination:
     """Constraints solved for some parameters: theta[pivots] = c - S theta[rest].

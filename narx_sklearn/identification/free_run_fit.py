@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.constraints import LinearConstraints, on_library, on_screened
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.lost import is_lost
-from narx_sklearn.identification.procedure import Problem, Selected, on_library, on_screened
+from narx_sklearn.identification.procedure import Problem, Selected
 from narx_sklearn.identification.record import Record
 from narx_sklearn.identification.refinement import FreeRunFit, refine_free_run
 from narx_sklearn.identification.settings import longest_size, refine_mode, wants_free_run_size

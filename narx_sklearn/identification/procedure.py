@@ -236,15 +236,6 @@ def total_criterion(selected: "list[Selected]", criterion: str) -> float:
     return total
 
 
-def on_screened(
-    constraints: LinearConstraints, full: TermLibrary, kept: TermLibrary
-) -> LinearConstraints | None:
-    """Return constraints on all candidates as constraints on those that screening kept (all they name)."""
-    if not len(constraints):
-        return None
-    return LinearConstraints(constraints.S[:, [full.index(term) for term in kept]], constraints.c)
-
-
 def with_origin(layout: Layout, origin: Mapping[str, float]) -> Layout:
     """Return the layout with the origins given, zero elsewhere."""
     return layout._replace(
@@ -329,15 +320,6 @@ def scaled_constraints(
     if constraints is None or not len(constraints):
         return None
     return constraints.scaled(parameter_scales(compressed.layout, compressed.library, output))
-
-
-def on_library(
-    constraints: LinearConstraints | None, full: TermLibrary, part: TermLibrary
-) -> LinearConstraints | None:
-    """Return constraints on ``full`` as constraints on the terms of ``part``."""
-    if constraints is None or not len(constraints):
-        return None
-    return constraints.restrict([full.index(term) for term in part])
 
 
 def build_model(selected: list[Selected], problem: Problem, **fields: Any) -> NARXModel:

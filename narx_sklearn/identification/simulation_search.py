@@ -17,7 +17,7 @@ from numba import njit
 
 from narx_sklearn._validation import finite_slices, session_slices
 from narx_sklearn.exceptions import DivergenceWarning
-from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.constraints import LinearConstraints, on_library
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.estimation import least_squares
 from narx_sklearn.identification.factor import Factor
@@ -109,7 +109,7 @@ def select_on_simulation(
             data.X,
             data.y,
             sessions=data.sessions,
-            constraints=_restricted(constraints, library, model.library),
+            constraints=on_library(constraints, library, model.library),
             horizons=horizons,
         )
     best = SimulationSelection(fit, _criterion(fit, library, criterion), 0)
@@ -145,7 +145,7 @@ def _prune(best, library, data, criterion, constraints, max_iter) -> SimulationS
         for j in np.argsort(growth)[:2]:
             rest = [i for i in names if i != j]
             try:
-                inside = _restricted(constraints, library, model.library.subset(rest))
+                inside = on_library(constraints, library, model.library.subset(rest))
             except ValueError:  # a constraint needs the term
                 continue
             theta, _ = least_squares(factor.subset(rest), constraints=inside)
@@ -172,16 +172,10 @@ def _rss_without(factor: Factor, names: list[int], j: int) -> float:
 
 
 def _fit(model, data, library, constraints, max_iter) -> FreeRunFit:
-    inside = _restricted(constraints, library, model.library)
+    inside = on_library(constraints, library, model.library)
     return refine_free_run(
         model, data.X, data.y, sessions=data.sessions, constraints=inside, max_iter=max_iter, tol=1e-6
     )
-
-
-def _restricted(constraints, library: TermLibrary, chosen: TermLibrary):
-    if constraints is None or not len(constraints):
-        return None
-    return constraints.restrict([library.index(term) for term in chosen])
 
 
 def _criterion(fit: FreeRunFit, library: TermLibrary, name: str) -> float:

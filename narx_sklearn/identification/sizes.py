@@ -5,14 +5,13 @@ import warnings
 import numpy as np
 
 from narx_sklearn.exceptions import ExcitationWarning, NarxWarning
-from narx_sklearn.identification.constraints import LinearConstraints
+from narx_sklearn.identification.constraints import LinearConstraints, on_screened
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.procedure import (
     Problem,
     Selected,
     build_model,
     estimate_terms,
-    on_screened,
 )
 from narx_sklearn.identification.refinement import refine_free_run
 from narx_sklearn.identification.selection import criterion_minima, size_window

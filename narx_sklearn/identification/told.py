@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.identification.constraints import LinearConstraints
-from narx_sklearn.identification.procedure import Selected, on_library, parameter_scales
+from narx_sklearn.identification.constraints import LinearConstraints, on_library
+from narx_sklearn.identification.procedure import Selected, parameter_scales
 from narx_sklearn.identification.record import ArrayRecord, Record
 from narx_sklearn.identification.refinement import free_run_uncertainty
 from narx_sklearn.identification.regressors import candidates_of
