@@ -89,6 +89,15 @@ def hold(model: NARXModel, n_points: int, read_input: ReadInput, read_phi, given
     return Held(model, n_points, values, functions, read_input)
 
 
+def hold_at_rest(model: NARXModel, X: np.ndarray, given=None) -> Held:
+    """Hold the inputs of a model at the rows of ``X``, where they rest and never moved before."""
+
+    def read_input(signal, lag):
+        return X[:, model.inputs.index(signal)]
+
+    return hold(model, X.shape[0], read_input, resting_phi(model, X), given)
+
+
 def resting_phi(model: NARXModel, X: np.ndarray):
     """Return the reader of phi regressors whose inputs rest at the rows of ``X`` and never moved before."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis._checks import check_levels
-from narx_sklearn.analysis._held import hold, resting_phi, solve
+from narx_sklearn.analysis._held import hold_at_rest, solve
 from narx_sklearn.model.narx import NARXModel
 
 __all__ = ["FixedPoint", "FixedPoints", "fixed_points"]
@@ -158,11 +158,7 @@ def fixed_points(model: NARXModel, u=(), *, phi: Mapping[str, float] | None = No
       y = 1.5: unstable, spectral radius 2
     """
     levels = check_levels(model, np.reshape(np.asarray(u, dtype=float), (1, -1)))
-
-    def read_input(signal, lag):
-        return levels[:, model.inputs.index(signal)]
-
-    solutions = solve(hold(model, 1, read_input, resting_phi(model, levels), phi))
+    solutions = solve(hold_at_rest(model, levels, phi))
     points = []
     for y, eigenvalues in zip(solutions.y[0], solutions.eigenvalues[0], strict=True):
         points.append(FixedPoint(y, eigenvalues[np.argsort(-np.abs(eigenvalues), kind="stable")]))

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis._checks import check_driver, check_levels, check_output
-from narx_sklearn.analysis._held import hold, resting_phi, solve
+from narx_sklearn.analysis._held import hold_at_rest, solve
 from narx_sklearn.model.narx import NARXModel
 
 __all__ = ["StaticCurve", "static_curve"]
@@ -114,11 +114,7 @@ def static_curve(
     """
     X, output = check_levels(model, X), check_output(model, output)
     driver = check_driver(model, driver)
-
-    def read_input(signal, lag):
-        return X[:, model.inputs.index(signal)]
-
-    solutions = solve(hold(model, X.shape[0], read_input, resting_phi(model, X), phi))
+    solutions = solve(hold_at_rest(model, X, phi))
     return StaticCurve(
         model,
         driver,
