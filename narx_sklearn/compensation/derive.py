@@ -1,19 +1,25 @@
 """From a NARX model to a compensation law, by the algebra of its terms (thesis sections 4.4 to 4.6)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
 from narx_sklearn.compensation.law import INPUT, MOVE, REFERENCE, CompensationLaw, FunctionElement, free_name
-from narx_sklearn.model.narx import NARXModel, replace_name
-from narx_sklearn.model.phi import DifferenceSign, FunctionPhi, Phi, SmoothSign
+from narx_sklearn.compensation.letters import (
+    Element,
+    element_of,
+    least_lag,
+    letters_of,
+    signals_of,
+    with_letters,
+)
+from narx_sklearn.model.narx import NARXModel
+from narx_sklearn.model.phi import DifferenceSign, Phi, SmoothSign
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.terms import Term, Variable
 
 __all__ = ["inverse_law", "isolated_law", "root_law", "root_polynomials", "smooth_signs"]
 
-Element = Phi | FunctionElement
 NEGLIGIBLE = 1e-11  # of the sum of magnitudes: coefficients that cancel to this are zero to rounding
 NOW = Variable(INPUT, 0)
 BEFORE = Variable(INPUT, 1)
@@ -104,11 +110,11 @@ def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
     ValueError
         If the model has several outputs, or the input is not one of its inputs or does not occur.
     """
-    model, name, output = _readable(model, input_name)
-    renamed = _renamer(model, {output: REFERENCE, name: INPUT})
-    side = _rename(model.equation(), renamed)
+    model, name, output = signals_of(model, input_name)
+    renamed = letters_of(model, {output: REFERENCE, name: INPUT})
+    side = with_letters(model.equation(), renamed)
     used = [p for p in model.phi if p.name in model.library.signals]
-    newest = {p.name: _newest(side, renamed(str(p.name))) for p in used}
+    newest = {p.name: least_lag(side, renamed(str(p.name))) for p in used}
     lags = [v.lag for v in side.variables if v.signal == INPUT]
     lags += [newest[p.name] + v.lag for p in used for v in p.arguments if v.signal == name]
     if not lags:
@@ -117,7 +123,7 @@ def redirect(model: NARXModel, input_name: str | None = None) -> Redirected:
             f"Its equation is: {model.equation()}."
         )
     delay = min(lags)
-    elements = tuple(_element(p, renamed, newest[p.name] - delay) for p in used)
+    elements = tuple(element_of(p, renamed, newest[p.name] - delay) for p in used)
     return Redirected(
         _from_newest(side.shift(-delay), elements),
         Variable(REFERENCE, -delay),
@@ -358,9 +364,9 @@ def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
             "machine's input from the machine's output. Pass such a model, or use root_law or isolated_law, "
             "RootCompensator or IsolatedCompensator, with a model of the machine itself and input_name."
         )
-    model, name, output = _readable(model, None)
-    renamed = _renamer(model, {output: INPUT, name: REFERENCE})
-    side = _rename(model.equation(), renamed)
+    model, name, output = signals_of(model, None)
+    renamed = letters_of(model, {output: INPUT, name: REFERENCE})
+    side = with_letters(model.equation(), renamed)
     used = [p for p in model.phi if p.name in model.library.signals]
     of_input = {INPUT, *(renamed(str(p.name)) for p in used if p.signals == {output})}
     if all(v.signal in of_input for v in side.variables):
@@ -368,61 +374,13 @@ def inverse_law(model: NARXModel, lead: int) -> CompensationLaw:
             "The inverse model reads no output of the machine, so its law would not follow a reference "
             f"(Assumption 4.5): {model.equation()}."
         )
-    newest = {p.name: _newest(side, renamed(str(p.name))) for p in used}
-    elements = tuple(_element(p, renamed, newest[p.name], lead) for p in used)
+    newest = {p.name: least_lag(side, renamed(str(p.name))) for p in used}
+    elements = tuple(element_of(p, renamed, newest[p.name], lead) for p in used)
     rests = _rests(side, elements, INPUT)
     stay = of_input | {e.name for e in elements if isinstance(e, FunctionElement)}
     leads = {v: v if v.signal in stay else v.shift(-lead) for v in side.variables}
     equation = side.substitute({old: Polynomial.variable(new) for old, new in leads.items() if old != new})
     return CompensationLaw("explicit", (_from_newest(equation, elements),), elements, keeps_rest=rests)
-
-
-def _readable(model: NARXModel, input_name: str | None) -> tuple[NARXModel, str, str]:
-    """Return the model in signals as measured, the input's name and the output's."""
-    if len(model.outputs) != 1:
-        raise ValueError(
-            f"A compensator follows one output, the model has {list(model.outputs)}; build it from the "
-            "equation of one of them."
-        )
-    if not model.inputs:
-        raise ValueError("The model has no input to compensate with.")
-    name = model.inputs[0] if input_name is None else input_name
-    if name not in model.inputs:
-        raise ValueError(f"input_name={name!r} is not among the model's inputs {list(model.inputs)}.")
-    return model.expanded(), name, model.outputs[0]
-
-
-def _renamer(model: NARXModel, names: dict[str, str]) -> Callable[[str], str]:
-    """Return what a law calls a signal: as it is renamed, and others out of the way of these."""
-    names = dict(names)
-    for other in {INPUT, REFERENCE} & (set(model.channels) - names.keys()):
-        names[other] = free_name(other, {INPUT, REFERENCE, *model.channels})
-    return lambda signal: names.get(signal, signal)
-
-
-def _newest(side: Polynomial, signal: str) -> int:
-    """Return the least lag of a signal."""
-    return min(v.lag for v in side.variables if v.signal == signal)
-
-
-def _rename(side: Polynomial, renamed: Callable[[str], str]) -> Polynomial:
-    return Polynomial(
-        (Term(tuple((Variable(renamed(v.signal), v.lag), e) for v, e in term.factors)), value)
-        for term, value in side.items
-    )
-
-
-def _element(phi: Phi, renamed: Callable[[str], str], newest: int, lead: int = 0) -> Element:
-    """Return a phi regressor in the letters of the law; the reference is read ``lead`` samples ahead.
-
-    A user's function is moved so that its newest occurrence, at lag ``newest`` of the law's equation, is the
-    one of sample k. What it is called with then tells whether it waits for m[k].
-    """
-    if not isinstance(phi, FunctionPhi):
-        return replace(replace_name(phi, renamed(str(phi.name))), signal=renamed(phi.signal))
-    of = (Variable(renamed(v.signal), v.lag + newest) for v in phi.of)
-    moved = (v.shift(-lead) if v.signal == REFERENCE else v for v in of)
-    return FunctionElement(phi.function, tuple(moved), renamed(str(phi.name)))
 
 
 def _from_newest(side: Polynomial, elements: tuple[Element, ...]) -> Polynomial:

@@ -5,8 +5,8 @@ the model's output, and what it calls the reference is the model's input.
 """
 
 from narx_sklearn.compensation.c_code import Words, written
-from narx_sklearn.compensation.derive import _element, _newest, _readable, _rename, _renamer
 from narx_sklearn.compensation.law import INPUT, REFERENCE, CompensationLaw
+from narx_sklearn.compensation.letters import element_of, least_lag, letters_of, signals_of, with_letters
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.phi import FunctionPhi
 from narx_sklearn.model.polynomials import Polynomial
@@ -82,11 +82,11 @@ def simulation_law(model: NARXModel) -> tuple[CompensationLaw, int]:
             f"{of_user} are functions of yours, of which there is no C. Identify the model without them, or "
             "compute them outside and pass them as inputs."
         )
-    model, first, output = _readable(model, None)
-    renamed = _renamer(model, {output: INPUT, first: REFERENCE})
-    side = _rename(model.equation(), renamed)
+    model, first, output = signals_of(model, None)
+    renamed = letters_of(model, {output: INPUT, first: REFERENCE})
+    side = with_letters(model.equation(), renamed)
     used = [p for p in model.phi if p.name in model.library.signals]
-    elements = tuple(_element(p, renamed, _newest(side, renamed(str(p.name)))) for p in used)
+    elements = tuple(element_of(p, renamed, least_lag(side, renamed(str(p.name)))) for p in used)
     own = {INPUT, *(str(e.name) for e in elements if e.signal == INPUT)}
     lags = [v.lag for v in side.variables if v.signal not in own]
     delay = min(lags, default=0)
