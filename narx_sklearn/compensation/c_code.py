@@ -1,28 +1,26 @@
 """A compensation law as C: one self-contained program part for a controller."""
 
-import re
-from typing import NamedTuple
-
-import numpy as np
-
 from narx_sklearn.compensation import _c_runtime as runtime
 from narx_sklearn.compensation import _kernels as kernels
 from narx_sklearn.compensation import _polynomial_roots as roots
-from narx_sklearn.compensation.law import BRANCHES, INPUT, CompensationLaw, FunctionElement
-from narx_sklearn.model.kernels import (
-    ABSOLUTE_DIFFERENCE,
-    ASYMMETRIC_SIGN,
-    DIFFERENCE,
-    DIFFERENCE_SIGN,
-    HYSTERETIC,
-    PLAY,
-    SMOOTH_SIGN,
-    STATE_SIZE,
+from narx_sklearn.compensation.c_terms import (
+    advanced,
+    check_identifier,
+    expression,
+    filled,
+    helpers,
+    macro_of,
+    number,
+    state_size,
+    window,
 )
+from narx_sklearn.compensation.law import BRANCHES, INPUT, REFERENCE, CompensationLaw, FunctionElement
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.physics.boucwen import LONGEST_STEP, ROUNDING, SHORTEST_SHARE
 
 __all__ = ["c_source"]
+
+LETTERS = {INPUT: "M", REFERENCE: "R"}  # in C
 
 
 def c_source(law: CompensationLaw, name: str = "compensator") -> str:
@@ -58,27 +56,8 @@ def c_source(law: CompensationLaw, name: str = "compensator") -> str:
     >>> "2.0*R(0) - R(1)" in c_source(law)
     True
     """
-    words = Words(
-        title=f"Compensation law. The newest row (0) is k + {law.horizon}, the input wanted is m[k].\n{law}",
-        step=f"The newest known signals ({', '.join(law.known)}, at k + {law.horizon}), return m[k].",
-        reset="Rest: input and known signals have been held at these values.",
-    )
-    return written(law, name, words)
-
-
-class Words(NamedTuple):
-    """What a program part says of itself: on top, at its step and at its reset."""
-
-    title: str
-    step: str
-    reset: str
-
-
-def written(law: CompensationLaw, name: str, words: Words) -> str:
-    """Return a law as C, with these words; see `c_source`."""
-    if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise ValueError(f"name={name!r} is no C identifier; use letters, digits and '_'.")
-    writer = _Writer(law, words)
+    check_identifier(name)
+    writer = _Writer(law)
     parts = [writer.header(), writer.functions(), writer.elements(), writer.solver(), writer.step()]
     return "\n".join(part for part in parts if part).replace("NAME", name)
 
@@ -86,27 +65,25 @@ def written(law: CompensationLaw, name: str, words: Words) -> str:
 class _Writer:
     """Puts a law's own parts into C."""
 
-    def __init__(self, law: CompensationLaw, words: Words):
-        self.law, self.words = law, words
+    def __init__(self, law: CompensationLaw):
+        self.law = law
         self.rows = law._back + 1
         self.present = self.rows - 1 - law.horizon
-        self.macro = {signal: _macro(signal) for signal in law.channels}
+        self.macro = {signal: LETTERS.get(signal, macro_of(signal)) for signal in law.channels}
         self.functions_of_user = [e for e in law.elements if isinstance(e, FunctionElement)]
 
     def header(self) -> str:
         law = self.law
-        text = "\n * ".join(self.words.title.splitlines())
+        text = "\n * ".join(str(law).splitlines())
         limits = [
-            f"#define NAME_{key} {_number(value)}"
+            f"#define NAME_{key} {number(value)}"
             for key, value in (("LOW", law.limits[0]), ("HIGH", law.limits[1]), ("RATE", law.rate_limit))
         ]
-        names = [
-            f"#define {self.macro[signal]}(i) (s->w[{self.rows - 1} - (i)][{channel}])"
-            for channel, signal in enumerate(law.channels)
-        ]
-        width = STATE_SIZE if any(e.kind == HYSTERETIC for e in law.elements) else 1
+        names = window(self.macro.values(), self.rows)
+        width = state_size(e.kind for e in law.elements)
         return (
-            f"/* {text}\n */\n#include <math.h>\n\n"
+            f"/* Compensation law. The newest row (0) is k + {law.horizon}, the input wanted is m[k].\n"
+            f" * {text}\n */\n#include <math.h>\n\n"
             f"#define NAME_ROWS {self.rows}\n#define NAME_CHANNELS {len(law.channels)}\n"
             f"#define NAME_DEGREE {max(law.degree, 1)}\n#define NAME_STATE {width}\n"
             f"#define NAME_NEAREST {int(law.policy == 'nearest')}\n"
@@ -130,37 +107,10 @@ class _Writer:
             "SHORTEST_SHARE": SHORTEST_SHARE,
             "ROUNDING": ROUNDING,
         }
-        chosen = [
-            (runtime.SIGN, kinds & {DIFFERENCE_SIGN, kernels.BOUC_WEN}),
-            (runtime.PLAY, PLAY in kinds),
-            (runtime.HYSTERETIC, HYSTERETIC in kinds),
-            (runtime.BOUC_WEN, kernels.BOUC_WEN in kinds),
-            (runtime.BETTER, self.law.method in ("roots", "search")),
-            (runtime.ROOTS, self.law.method == "roots"),
-        ]
-        return _fill("\n".join(text for text, wanted in chosen if wanted), constants)
-
-    def _value(self, index: int, now: str, before: str, state: str) -> str:
-        element = self.law.elements[index]
-        p = [_number(value) for value in element.kernel_parameters]
-        difference = f"({now} - {before})"
-        if element.kind == DIFFERENCE:
-            return difference
-        if element.kind == DIFFERENCE_SIGN:
-            return f"NAME_sign{difference}"
-        if element.kind == ABSOLUTE_DIFFERENCE:
-            return f"fabs{difference}"
-        if element.kind == SMOOTH_SIGN:
-            return f"tanh({difference} / {p[0]})"
-        if element.kind == ASYMMETRIC_SIGN:
-            split = 1 + int(element.kernel_parameters[0])
-            rising, falling = (_horner(part, now) for part in (p[1:split], p[split:]))
-            return f"({difference} > 0.0 ? {rising} : {difference} < 0.0 ? {falling} : 0.0)"
-        if element.kind == PLAY:
-            return f"({state}[0] = NAME_play({state}[0], {now}, {p[0]}))"
-        if element.kind == HYSTERETIC:
-            return f"NAME_hysteretic({state}, {now})"
-        return f"({state}[0] = NAME_bouc_wen({state}[0], {difference}, NAME_p{index}))"
+        chosen = helpers(kinds)
+        chosen += [runtime.BETTER] if self.law.method in ("roots", "search") else []
+        chosen += [runtime.ROOTS] if self.law.method == "roots" else []
+        return filled("\n".join(chosen), constants)
 
     def _set(self, of_input: bool, back: int) -> list[str]:
         """Return the lines that advance the elements of the input, or of the known signals, at one row."""
@@ -168,7 +118,7 @@ class _Writer:
         for p, element in enumerate(self.law.elements):
             if not isinstance(element, FunctionElement) and (element.signal == INPUT) == of_input:
                 source, target = self.macro[element.signal], self.macro[str(element.name)]
-                value = self._value(p, f"{source}({back})", f"{source}({back + 1})", f"s->z[{p}]")
+                value = advanced(element, p, f"{source}({back})", f"{source}({back + 1})", f"s->z[{p}]")
                 lines.append(f"    {target}({back}) = {value};")
         return lines
 
@@ -183,7 +133,7 @@ class _Writer:
 
     def elements(self) -> str:
         lines = [
-            f"static const double NAME_p{i}[] = {{{', '.join(map(_number, e.kernel_parameters))}}};"
+            f"static const double NAME_p{i}[] = {{{', '.join(map(number, e.kernel_parameters))}}};"
             for i, e in enumerate(self.law.elements)
             if e.kind == kernels.BOUC_WEN
         ]
@@ -192,17 +142,10 @@ class _Writer:
             lines.append(f"double NAME_user_{e.name}({arguments}); /* yours: {e.describe()} */")
         return "\n".join(lines) + "\n" if lines else ""
 
-    def expression(self, equation: Polynomial) -> str:
+    def expression(self, polynomial: Polynomial) -> str:
         """Return a polynomial as an expression of the window's macros."""
         h = self.law.horizon
-        parts: list[str] = []
-        for term, value in equation.items:
-            factors = [f"{self.macro[v.signal]}({v.lag + h})" for v in term.expanded]
-            size = _number(abs(value))
-            body = "*".join(factors if size == "1.0" and factors else [size, *factors])
-            sign = "-" if value < 0 else "+"
-            parts.append(f"{sign} {body}" if parts else f"-{body}" if value < 0 else body)
-        return " ".join(parts) or "0.0"
+        return expression(polynomial, lambda v: f"{self.macro[v.signal]}({v.lag + h})")
 
     def solver(self) -> str:
         law = self.law
@@ -225,11 +168,11 @@ class _Writer:
                         lines.append(f"    for (i = 0; i < NAME_STATE; i++) z[i] = s->z[{p}][i];")
                     target = self.macro[str(element.name)]
                     source = self.macro[INPUT]
-                    value = self._value(p, f"{source}({at})", f"{source}({at + 1})", "z")
+                    value = advanced(element, p, f"{source}({at})", f"{source}({at + 1})", "z")
                     lines.append(f"    {target}({at}) = {value};")
             lines += [f"    return {self.expression(law.equations[0])};", "}", ""]
             constants = {name: getattr(kernels, name) for name in ("FIRST_STEP", "GROWTH", "VANISHES")}
-            return "\n".join(lines) + "\n" + _fill(runtime.SEARCH, constants)
+            return "\n".join(lines) + "\n" + filled(runtime.SEARCH, constants)
         return self._root_solver()
 
     def _root_solver(self) -> str:
@@ -262,7 +205,7 @@ class _Writer:
             rest = f"    if ({same}) m = previous;\n    else\n"
         arguments = ", ".join(f"double known{i}" for i in range(n_known))
         lines = [
-            f"/* {self.words.step} */",
+            f"/* The newest known signals ({', '.join(law.known)}, at k + {h}), return m[k]. */",
             f"double NAME_step(NAME_state *s, {arguments})",
             "{",
             "    double m, limited, previous;",
@@ -291,7 +234,7 @@ class _Writer:
             "    return m;",
             "}",
             "",
-            f"/* {self.words.reset} */",
+            "/* Rest: input and known signals have been held at these values. */",
             f"void NAME_reset(NAME_state *s, double m, {arguments})",
             "{",
             "    int i, j;",
@@ -308,9 +251,9 @@ class _Writer:
                 continue
             initial = law.initial_states.get(str(element.name))
             if initial is not None:
-                lines.append(f"    s->z[{p}][0] = {_number(initial)};")
+                lines.append(f"    s->z[{p}][0] = {number(initial)};")
             source, target = self.macro[element.signal], self.macro[str(element.name)]
-            value = self._value(p, f"{source}(0)", f"{source}(0)", f"s->z[{p}]")
+            value = advanced(element, p, f"{source}(0)", f"{source}(0)", f"s->z[{p}]")
             lines.append(f"    {target}(0) = {value};")
             lines.append(f"    for (i = 1; i < NAME_ROWS; i++) {target}(i) = {target}(0);")
         lines += self._call_functions()
@@ -320,27 +263,3 @@ class _Writer:
         lines += ["    s->samples = s->no_solution = s->at_limit = s->at_rate_limit = 0;", "}", ""]
         lines += [f"#undef {macro}" for macro in self.macro.values()]
         return "\n".join(lines) + "\n"
-
-
-def _macro(signal: str) -> str:
-    return {"m": "M", "r": "R"}.get(signal, f"S_{signal}")
-
-
-def _number(value) -> str:
-    """Return a number in C with all its digits."""
-    if np.isinf(value):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
-    return repr(float(value))
-
-
-def _horner(coefficients: list[str], x: str) -> str:
-    text = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        text = f"({text}) * {x} + {c}"
-    return f"({text})"
-
-
-def _fill(text: str, constants: dict[str, float]) -> str:
-    for key, value in constants.items():
-        text = re.sub(rf"\b{key}\b", str(value) if isinstance(value, int) else _number(value), text)
-    return text
