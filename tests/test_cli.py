@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import stat
 import subprocess
@@ -27,6 +28,7 @@ from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
 from narx_sklearn.cli._simulators import load_simulator
+from narx_sklearn.compensation import RootCompensator
 from narx_sklearn.model import Difference, NARXModel, free_run
 from narx_sklearn.signals import prfs
 
@@ -548,6 +550,46 @@ def test_identify_with_hysteresis_gives_a_model_that_rests_where_its_input_stops
     assert continuum_of_steady_states(model).exists
     assert {"drive"} <= {s for p in model.phi for s in p.signals}
     assert free_run(model, u, y_init=y).y[:, 0] == pytest.approx(y, abs=0.03 * np.ptp(y))
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_identify_writes_a_model_of_two_outputs_as_c(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    u, y = rng.uniform(-1, 1, 600), np.zeros((600, 2))
+    for k in range(1, 600):
+        y[k] = 0.5 * y[k - 1, 0] + 2 * u[k - 1], 0.25 * y[k - 1, 1] + y[k - 1, 0]
+    record = pd.DataFrame({"u [V]": u, "x [m]": y[:, 0], "force [N]": y[:, 1]})
+    record.to_csv(tmp_path / "bench.csv", index=False)
+    source = tmp_path / "x-axis.c"
+    asked = ["--y=x,force", "--output-lags=1", "--input-lags=1", "--degree=1", "--quiet"]
+    assert main(["identify", str(tmp_path / "bench.csv"), "--c", str(source), *asked]) == 0
+    assert "force[k] = " in capsys.readouterr().out
+    (tmp_path / "main.c").write_text(
+        '#include "x-axis.c"\n#include <stdio.h>\nint main(void)\n{\n    x_axis_state s;\n'
+        "    double y[2] = {0.0, 0.0};\n    x_axis_reset(&s, y, 0.0);\n    x_axis_step(&s, 1.0, y);\n"
+        '    x_axis_step(&s, 0.0, y);\n    printf("%.9g %.9g", y[0], y[1]);\n    return 0;\n}\n'
+    )
+    subprocess.run(["gcc", "-std=c99", tmp_path / "main.c", "-o", tmp_path / "main", "-lm"], check=True)
+    done = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True)
+    # a pulse of 1 V makes x = 2 m, of which a sample later half is left in x, and all in the force
+    assert [float(v) for v in done.stdout.split()] == pytest.approx([1.0, 2.0])
+
+
+def test_compensate_writes_its_law_as_c(tmp_path, model, monkeypatch):
+    feed(monkeypatch, "r\n0\n1\n")
+    law, made = tmp_path / "law.c", tmp_path / "input.csv"
+    assert main(["compensate", "-", "--model", model, "--c", str(law), "--output", str(made)]) == 0
+    compensator = RootCompensator(NARXModel.load(model)).fit()
+    assert law.read_text() == compensator.explain("c", "law")
+    assert table(made.read_text())["u [V]"].tolist() == [0.5, 0.25]
+
+
+def test_of_what_is_written_one_goes_to_standard_output(model, monkeypatch, capsys):
+    feed(monkeypatch, "r\n0\n1\n")
+    assert main(["identify", "-", "--c", "-", "--json", "-"]) == 2
+    assert "--c and --json cannot both go to standard output" in capsys.readouterr().err
+    assert main(["compensate", "-", "--model", model, "--c", "-"]) == 2
+    assert "The input and --c cannot both go to standard output" in capsys.readouterr().err
 
 
 def test_identify_without_lags_chooses_them(monkeypatch, capsys):

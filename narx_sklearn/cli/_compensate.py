@@ -7,8 +7,8 @@ import numpy as np
 from narx_sklearn._validation import split_unit
 from narx_sklearn.cli._columns import asked_columns, read_recording
 from narx_sklearn.cli._errors import DataError, UsageError
-from narx_sklearn.cli._files import check_writable
-from narx_sklearn.cli._output import tell_notes, write_columns
+from narx_sklearn.cli._files import check_writable, write_text
+from narx_sklearn.cli._output import c_prefix, tell_notes, write_columns
 from narx_sklearn.cli._sampling import NONE, find_column, sample_evenly
 from narx_sklearn.cli._tables import read_table
 from narx_sklearn.compensation import (
@@ -28,6 +28,9 @@ REFERENCES = frozenset({"r", "ref", "reference", "setpoint", "target"})
 def run(options) -> None:
     """Read the reference, take or identify the model, run the law, write the input."""
     check_writable(options.output)
+    check_writable(options.c)
+    if options.output == options.c == "-":
+        raise UsageError("The input and --c cannot both go to standard output: name a file with --output.")
     if (options.model is None) == (options.record is None):
         raise UsageError("Give either --model, as `identify --save` wrote it, or --record, to identify one.")
     if options.reference == options.record == "-":
@@ -82,6 +85,8 @@ def run(options) -> None:
         if count:
             notes.append(f"At {count} of {counts.samples} samples {what}.")
     tell_notes(notes, options.quiet)
+    if options.c:
+        write_text(options.c, compensator.explain("c", c_prefix(options.c, "compensator")))
     write_columns(options.output, {**columns, label: done.m})
 
 

@@ -11,7 +11,8 @@ from narx_sklearn.analysis import residual_tests
 from narx_sklearn.cli._columns import Recording, last_part, read_recordings, without_dead_values
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
-from narx_sklearn.cli._output import say, tell_notes, write_json
+from narx_sklearn.cli._output import c_prefix, say, tell_notes, write_json
+from narx_sklearn.compensation import model_c_source
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one_step
@@ -24,10 +25,12 @@ EXACT = 1e-10  # residual over the output's spread, below which there is nothing
 
 def run(options) -> None:
     """Read, identify, judge, tell."""
-    check_writable(options.save)
-    check_writable(options.json)
-    if options.save == options.json == "-":
-        raise UsageError("--save and --json cannot both go to standard output.")
+    targets = {"--save": options.save, "--c": options.c, "--json": options.json}
+    for target in targets.values():
+        check_writable(target)
+    streamed = [option for option, target in targets.items() if target == "-"]
+    if len(streamed) > 1:
+        raise UsageError(f"{' and '.join(streamed[:2])} cannot both go to standard output.")
     if not 0 <= options.test_fraction < 0.9:
         raise UsageError(f"--test-fraction must lie in [0, 0.9), got {options.test_fraction:g}.")
     recording = without_dead_values(read_recordings(options.records, options))
@@ -45,7 +48,7 @@ def run(options) -> None:
         metrics = _metrics(narx, recording, held_out)
         begin("residual tests")
         tests = _tests(narx, recording, ~held_out)
-    beside = "-" in (options.save, options.json)
+    beside = bool(streamed)
     say(
         f"{narx.model_.to_text()}\n\n{narx.summary().to_string(index=False, float_format='%.5g')}\n",
         beside=beside,
@@ -57,6 +60,8 @@ def run(options) -> None:
     say(f"\n{tests}", beside=beside)
     if options.save:
         write_text(options.save, json.dumps(narx.model_.to_dict(), indent=2) + "\n")
+    if options.c:
+        write_text(options.c, model_c_source(narx.model_, c_prefix(options.c, "model")))
     if options.json:
         write_json(
             options.json, {"model": narx.model_.to_dict(), "metrics": metrics, "residual_tests": tests}

@@ -2,9 +2,11 @@
 
 import json
 import math
+import re
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -57,6 +59,21 @@ def plain(value):
 def write_columns(target: str, columns: dict[str, np.ndarray]) -> None:
     """Write signals as a table with a header, numbers to twelve digits."""
     write_text(target, pd.DataFrame(columns).to_csv(index=False, float_format="%.12g", lineterminator="\n"))
+
+
+def c_prefix(target: str, otherwise: str) -> str:
+    """Return what names in a C file begin with: the file's own name, as far as C takes it.
+
+    Examples
+    --------
+    >>> from narx_sklearn.cli._output import c_prefix
+    >>> c_prefix("src/x-axis.c", "model"), c_prefix("2nd.c", "model"), c_prefix("-", "model")
+    ('x_axis', 'model_2nd', 'model')
+    """
+    stem = re.sub(r"\W", "_", Path(target).stem, flags=re.ASCII)
+    if not stem.strip("_"):
+        return otherwise
+    return f"{otherwise}_{stem}" if stem[0].isdigit() else stem
 
 
 def diagnosis_content(dx) -> dict:

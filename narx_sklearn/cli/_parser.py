@@ -39,6 +39,7 @@ examples:
   narx-sklearn identify bench.csv --output-lags 2 --input-lags 3 --degree 3
   narx-sklearn identify run1.csv run2.csv --y position --save model.json
   narx-sklearn identify piezo.csv --structure rate_independent --save model.json
+  narx-sklearn identify bench.csv --c sensor.c
 """
 
 COMPENSATE = """\
@@ -50,6 +51,7 @@ name. The model comes from `identify --save`, or is identified here from a recor
 examples:
   narx-sklearn compensate reference.csv --model model.json --limits 0 10 --output input.csv
   narx-sklearn compensate reference.csv --record bench.csv --method inverse > input.csv
+  narx-sklearn compensate reference.csv --model model.json --c stage.c --output input.csv
 """
 
 EXCITE = """\
@@ -191,6 +193,11 @@ def _identify(parser) -> None:
     parser.add_argument(
         "--save", metavar="FILE", help="write the model as JSON, for `compensate`; - for standard output"
     )
+    parser.add_argument(
+        "--c",
+        metavar="FILE",
+        help="write the model as C that simulates it, functions named after the file; - for standard output",
+    )
     parser.add_argument("--json", metavar="FILE", help="write the metrics as JSON; - for standard output")
     _record_options(parser)
     group = parser.add_argument_group("model")
@@ -232,6 +239,9 @@ def _compensate(parser) -> None:
     parser.add_argument("--rate-limit", type=positive, metavar="CHANGE", help="largest change in one sample")
     parser.add_argument(
         "--output", metavar="FILE", default="-", help="where to write (default: standard output)"
+    )
+    parser.add_argument(
+        "--c", metavar="FILE", help="write the law as C for a controller, functions named after the file"
     )
     _record_options(parser)
 
