@@ -24,6 +24,7 @@ from narx_sklearn.model.terms import Term, TermLibrary
 __all__ = [
     "CONTINUUM",
     "RestingDynamics",
+    "asked_for_continuum",
     "check_continuum",
     "expand_continuum",
     "hysteresis_structure",
@@ -292,6 +293,12 @@ def _names_continuum(texts) -> bool:
     return isinstance(texts, list | tuple) and any(isinstance(t, str) and t == CONTINUUM for t in texts)
 
 
+def asked_for_continuum(constraints) -> int:
+    """Return for how many outputs the word "continuum" occurs in constraints; where it stands alone, 1."""
+    given = list(constraints.values()) if isinstance(constraints, Mapping) else [constraints]
+    return sum(_names_continuum([one] if isinstance(one, str) else one) for one in given)
+
+
 @dataclass(frozen=True, eq=False)
 class RestingDynamics:
     """Linear dynamics that a model has left when its inputs rest.
@@ -408,8 +415,7 @@ def check_continuum(model: NARXModel, constraints) -> RestingDynamics | None:
     NarxWarning
         If the lemma does not hold.
     """
-    given = list(constraints.values()) if isinstance(constraints, Mapping) else [constraints]
-    asked = sum(_names_continuum([one] if isinstance(one, str) else one) for one in given)
+    asked = asked_for_continuum(constraints)
     if not asked:
         return None
     n_free = asked if isinstance(constraints, Mapping) else len(model.outputs)

@@ -9,6 +9,7 @@ from sklearn.utils.validation import check_is_fitted
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import as_signals, check_indexes, check_inputs_given, check_same_length
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification.at_rest import warn_if_drifting
 from narx_sklearn.identification.batches import Stream
 from narx_sklearn.identification.choosing import compress_at_origins, estimate_again, select_best
 from narx_sklearn.identification.constraints import LinearConstraints
@@ -289,6 +290,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         DivergenceWarning
             If the free run of the model that is kept leaves the finite range on the record itself, or goes a
             thousand times as far as its outputs, and ``refine`` is not False.
+        NarxWarning
+            If the direction of an input counts in the model, and the output leaves the place where the input
+            stops, while the record does not show that it does.
 
         Notes
         -----
@@ -326,6 +330,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
             refined = refine(self, problem, constraints, selected, model, samples)
             if refine_mode(self.refine) != "never":
                 warn_if_lost(self, refined.model, *samples)
+            warn_if_drifting(self, refined.model, *samples)
         warn_if_short(self, selected, refined.model)
         warn_if_bound(self, selected, refined.model)
         scores_of = scores_on_record(record, selected[0].compressed.layout)
