@@ -76,6 +76,9 @@ def run(options) -> None:
             "the range of the recorded output, and in its unit? Else identify with fewer terms, or widen "
             "--limits."
         )
+    could_all = not (counts.no_solution or counts.at_limit or counts.at_rate_limit)
+    if could_all and (beyond := compensator.beyond_record(reference)):
+        warnings.warn(beyond, UnreachableWarning, stacklevel=2)
     notes += [f"The law:\n{compensator.law_.to_text()}"]
     for what, count in (
         ("no admissible input solved the law, so it was held", counts.no_solution),

@@ -20,6 +20,7 @@ from narx_sklearn._validation import (
     split_unit,
 )
 from narx_sklearn.compensation._polynomial_roots import WIDEST, held_root
+from narx_sklearn.compensation.beyond import beyond_record
 from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.derive import check_width, static_powers
 from narx_sklearn.compensation.law import (
@@ -209,18 +210,48 @@ class Compensator(BaseEstimator):
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
             if the first reference, at which the model may rest, lies beyond what was recorded; if the law
             runs away: it amplifies its errors, and its input left a thousand times the recorded range, or
-            the range of the inputs that hold the reference.
+            the range of the inputs that hold the reference; or, where nothing of this is told, if the
+            reference goes clearly farther, or changes clearly faster, than the output in the record that
+            the model is from.
         """
         run = self.compensate(X, m_init)
         reference = as_signals(X, "X")
-        if m_init is None and self._is_continuum:
-            self._warn_if_begun_beyond(float(reference[0, 0]))
+        told = m_init is None and self._is_continuum and self._warn_if_begun_beyond(float(reference[0, 0]))
         ran_away = False
         if not np.isfinite(self.law_.limits).all():  # else the limits that cut it are told
             ran_away = warn_if_run_away(self.law_, reference, run.m, self._usual_inputs(reference, m_init))
         if not ran_away:
-            warn_if_unreachable(run.counts, self.law_)
+            told = warn_if_unreachable(run.counts, self.law_) or told
+        beyond = "" if told or ran_away else self.beyond_record(X)
+        if beyond:
+            warnings.warn(beyond, UnreachableWarning, stacklevel=2)
         return run.m
+
+    def beyond_record(self, X):
+        """Say where a reference goes farther or changes faster than the record that the model is from.
+
+        One that never moves asks nothing of a model that can rest anywhere.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples,) or (n_samples, 1 + n_others)
+            As for `predict`.
+
+        Returns
+        -------
+        str
+            Empty where it does not, or where the model keeps no record.
+        """
+        check_is_fitted(self, "law_")
+        model = self.model_
+        if not isinstance(model, NARXModel):
+            return ""
+        name = self._followed()
+        known = model.recorded.get(name), model.recorded_change.get(name)
+        reference = as_signals(X, "X")[:, 0]
+        if self._is_continuum and np.all(reference == reference[0]):
+            return ""
+        return beyond_record(reference, *known)
 
     def compensate(self, X, m_init=None) -> LawRun:
         """Return the input along a reference with the counts of what could not be had.
@@ -386,8 +417,9 @@ class Compensator(BaseEstimator):
         rises = _rises(self.model_, next(name for name in names if name in self.model_.inputs))
         return None if rises is None else (outputs, inputs if rises else inputs[::-1])
 
-    def _warn_if_begun_beyond(self, first: float) -> None:
+    def _warn_if_begun_beyond(self, first: float) -> bool:
         outputs = self._recorded()[0]
+        beyond = outputs is not None and not outputs[0] <= first <= outputs[2]
         if self._line is None and self._middle is None and first != 0.0:
             warnings.warn(
                 f"The model can rest anywhere and keeps no record that tells which input holds {first:g}, "
@@ -396,7 +428,7 @@ class Compensator(BaseEstimator):
                 UnreachableWarning,
                 stacklevel=3,
             )
-        if outputs is not None and not outputs[0] <= first <= outputs[2]:
+        if outputs is not None and beyond:
             warnings.warn(
                 f"The reference begins at {first:g}, beyond the recorded output, {outputs[0]:g} to "
                 f"{outputs[2]:g}: which input holds it there is not known. Let it "
@@ -404,6 +436,7 @@ class Compensator(BaseEstimator):
                 UnreachableWarning,
                 stacklevel=3,
             )
+        return beyond
 
     def _check_units(self, X) -> None:
         for label, (whose, wanted) in zip(column_labels(X) or [], self._told, strict=False):

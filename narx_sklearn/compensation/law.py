@@ -498,8 +498,8 @@ class LawState:
         return twin
 
 
-def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
-    """Warn where a law could not be satisfied or its limits cut the input or its change."""
+def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> bool:
+    """Tell whether a law could not be satisfied or its limits cut the input or its change, warning if so."""
     taken = "the last was kept" if law.policy == "hold" else "the nearest was taken"
     low, high = law.limits
     told = {
@@ -508,7 +508,7 @@ def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
         f"at {counts.at_rate_limit} rate_limit={law.rate_limit:g} cut its change": counts.at_rate_limit,
     }
     if not any(told.values()):
-        return
+        return False
     ways = {
         "widen the limits if the machine allows it, move m_init, or identify from a record that covers the "
         "reference": counts.no_solution or counts.at_limit,
@@ -521,6 +521,7 @@ def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> None:
         UnreachableWarning,
         stacklevel=3,
     )
+    return True
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

@@ -234,8 +234,10 @@ def survey(X, y, sessions) -> Survey:
         )
     first, last = (None, None) if labels is None or labels.size == 0 else (labels[0], labels[-1])
     n_labels = None if labels is None else labels.size
-    told_by = "" if n_labels not in (None, X.shape[0]) else fingerprint(X, y, labels)
-    return Survey(X.shape[0], y.shape[1], n_labels, Moments.of(X, y), first, last, told_by)
+    if n_labels not in (None, X.shape[0]):  # which is refused
+        return Survey(X.shape[0], y.shape[1], n_labels, Moments.of(X, y), first, last, "")
+    moments = Moments.of(X, y, labels)
+    return Survey(X.shape[0], y.shape[1], n_labels, moments, first, last, fingerprint(X, y, labels))
 
 
 def last_samples(X, y, sessions, reach: int):

@@ -54,5 +54,6 @@ def about(settings, problem: Problem, record: Record, moments: Moments) -> dict[
     units |= signal_units(problem.inputs, record.input_labels)
     values = zip(problem.outputs + problem.inputs, *moments.range, strict=True)
     recorded = {name: (low, mean, high) for name, low, mean, high in values if low <= high}
+    changes = zip(recorded, moments.change[moments.low <= moments.high].tolist(), strict=True)
     period = record.sampling_period if settings.sampling_period is None else settings.sampling_period
-    return {"sampling_period": period, "units": units, "recorded": recorded}
+    return {"sampling_period": period, "units": units, "recorded": recorded, "recorded_change": dict(changes)}

@@ -67,6 +67,8 @@ class Moments(NamedTuple):
     ----------
     known, mean, square, low, high : ndarray of shape (n_signals,)
         Number of known values, their mean, sum of squared deviations from it, smallest and largest.
+    change : ndarray of shape (n_signals,)
+        Largest change from one sample to the next of its session; from stretch to stretch none is measured.
     """
 
     known: np.ndarray
@@ -74,9 +76,10 @@ class Moments(NamedTuple):
     square: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    change: np.ndarray
 
     @classmethod
-    def of(cls, X: np.ndarray, y: np.ndarray) -> "Moments":
+    def of(cls, X: np.ndarray, y: np.ndarray, sessions: np.ndarray | None = None) -> "Moments":
         """Measure a stretch, NaN left out."""
         total = cls.none(X.shape[1] + y.shape[1])
         with np.errstate(over="ignore", invalid="ignore"):  # such values are refused by who fits them
@@ -91,15 +94,17 @@ class Moments(NamedTuple):
                         np.array([((c - m) ** 2).sum() for c, m in zip(known, means, strict=True)]),
                         np.array([c.min(initial=np.inf) for c in known]),
                         np.array([c.max(initial=-np.inf) for c in known]),
+                        np.zeros(len(known)),
                     )
                 )
-        return total
+            change = [_largest_change(column, sessions) for side in (y, X) for column in side.T]
+        return total._replace(change=np.array(change))
 
     @classmethod
     def none(cls, n_signals: int) -> "Moments":
         """Return the moments of no samples."""
         zero = np.zeros(n_signals)
-        return cls(zero, zero, zero, np.full(n_signals, np.inf), np.full(n_signals, -np.inf))
+        return cls(zero, zero, zero, np.full(n_signals, np.inf), np.full(n_signals, -np.inf), zero)
 
     def merge(self, other: "Moments") -> "Moments":
         """Return the moments of both stretches (Chan, Golub and LeVeque's update)."""
@@ -112,6 +117,7 @@ class Moments(NamedTuple):
             self.square + other.square + step**2 * self.known * share,
             np.minimum(self.low, other.low),
             np.maximum(self.high, other.high),
+            np.maximum(self.change, other.change),
         )
 
     @property
@@ -123,6 +129,18 @@ class Moments(NamedTuple):
     def deviation(self) -> np.ndarray:
         """Standard deviation of each signal."""
         return np.sqrt(self.square / np.maximum(self.known, 1.0))
+
+
+def _largest_change(column: np.ndarray, sessions: np.ndarray | None) -> float:
+    """Return the largest change between known neighbours of one session, block by block."""
+    largest = 0.0
+    for rows in blocks(column.size):
+        part = slice(max(rows.start - 1, 0), rows.stop)
+        change = np.abs(np.diff(column[part]))
+        if sessions is not None:
+            change = change[sessions[part][1:] == sessions[part][:-1]]
+        largest = max(largest, change[np.isfinite(change)].max(initial=0.0))
+    return float(largest)
 
 
 class Record(ABC):
@@ -242,7 +260,11 @@ class ArrayRecord(Record):
     def moments(self) -> Moments:  # type: ignore[override]
         """Of the outputs and then the inputs; measured when first asked for."""
         if not hasattr(self, "_moments"):
-            self._moments = Moments.of(self.X[self.n_past :], self.y[self.n_past :])
+            self._moments = Moments.of(
+                self.X[self.n_past :],
+                self.y[self.n_past :],
+                None if self.sessions is None else self.sessions[self.n_past :],
+            )
         return self._moments
 
     def blocks(self, reach: int = 0, whole: bool = False) -> Iterator[Block]:

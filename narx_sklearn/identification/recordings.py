@@ -85,7 +85,7 @@ class Table(NamedTuple):
             check_last_line(self.path)
         for block in self.blocks(CHUNK_ROWS):
             n_samples += block.n_own
-            moments = moments.merge(Moments.of(block.X, block.y))
+            moments = moments.merge(Moments.of(block.X, block.y, block.sessions))
         if n_samples == 0:
             raise ValueError("it holds no samples")
         empty = [

@@ -197,6 +197,7 @@ def _fields(model: NARXModel) -> dict:
         "units": model.units,
         "origin": model.origin,
         "recorded": model.recorded,
+        "recorded_change": model.recorded_change,
     }
 
 

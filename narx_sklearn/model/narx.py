@@ -53,6 +53,8 @@ class NARXModel:
         Least, mean and largest value of inputs and outputs in the record that the model was identified
         from, in their units; beyond them nothing is known of the machine. A signal may lack. Where a model
         comes from does not count when models are compared.
+    recorded_change : mapping of {str: float}, optional
+        Largest change of each of them from one sample to the next there, its noise included.
 
     Examples
     --------
@@ -73,6 +75,7 @@ class NARXModel:
     units: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, float] = field(default_factory=dict)
     recorded: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    recorded_change: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         given = self.library if isinstance(self.library, TermLibrary) else list(self.library)
@@ -109,6 +112,8 @@ class NARXModel:
         set_field(self, "origin", MappingProxyType({s: float(v) for s, v in self.origin.items() if v != 0}))
         recorded = {s: tuple(float(v) for v in values) for s, values in self.recorded.items()}
         set_field(self, "recorded", MappingProxyType(recorded))
+        changes = {s: float(v) for s, v in self.recorded_change.items()}
+        set_field(self, "recorded_change", MappingProxyType(changes))
         self._check()
 
     def _check(self) -> None:
@@ -132,7 +137,12 @@ class NARXModel:
                     f"{list(self.outputs)} and inputs {list(self.inputs)}."
                 )
         signals = self.outputs + self.inputs
-        for word, known in (("units", names), ("origin", signals), ("recorded", signals)):
+        for word, known in (
+            ("units", names),
+            ("origin", signals),
+            ("recorded", signals),
+            ("recorded_change", signals),
+        ):
             outside = getattr(self, word).keys() - set(known)
             if outside:
                 raise ValueError(f"{word} names {sorted(outside)}, which are not among {list(known)}.")
@@ -143,6 +153,12 @@ class NARXModel:
                 raise ValueError(
                     f"recorded must hold three finite values of each signal, the least, the mean and the "
                     f"largest in this order; of {name!r} it holds {values}."
+                )
+        for name, change in self.recorded_change.items():
+            if not 0.0 <= change < np.inf:
+                raise ValueError(
+                    f"recorded_change must hold the largest change of each signal in one sample, finite and "
+                    f"not negative; of {name!r} it holds {change!r}."
                 )
         for term in self.library:
             for variable in term.variables:
@@ -276,6 +292,7 @@ class NARXModel:
             sampling_period=self.sampling_period,
             units=self.units,
             recorded=self.recorded,
+            recorded_change=self.recorded_change,
         )
 
     def __eq__(self, other) -> bool:
@@ -295,7 +312,7 @@ class NARXModel:
 
     def __reduce__(self):
         fields = (self.library, np.array(self.parameters), self.outputs, self.inputs, self.phi)
-        about = (dict(self.units), dict(self.origin), dict(self.recorded))
+        about = (dict(self.units), dict(self.origin), dict(self.recorded), dict(self.recorded_change))
         return NARXModel, (*fields, self.sampling_period, *about)
 
     def to_text(self, digits: int = 5) -> str:
@@ -337,6 +354,7 @@ class NARXModel:
             "units": dict(self.units),
             "origin": dict(self.origin),
             "recorded": {signal: list(values) for signal, values in self.recorded.items()},
+            "recorded_change": dict(self.recorded_change),
             "phi": [p.to_dict() for p in self.phi],
             "equations": {
                 output: {str(term): value for term, value in side.items}
@@ -382,6 +400,7 @@ class NARXModel:
                 units=content.get("units", {}),
                 origin=content.get("origin", {}),
                 recorded=content.get("recorded", {}),
+                recorded_change=content.get("recorded_change", {}),
             )
         except (ValueError, TypeError, AttributeError) as error:
             raise ModelFormatError(f"The model cannot be read: {error}") from error
