@@ -56,11 +56,12 @@ def test_a_reference_that_goes_faster_is_told():
     assert words.endswith("Slow it down, or identify the model from a record that goes as fast.")
 
 
-def test_both_are_told_at_once_and_what_is_told_already_is_not():
+def test_all_is_told_in_one_warning():
     assert "goes to 3 at sample 8, where" in told(RootCompensator(MODEL, **WIDE).fit(), ramp(3.0, 0.4))[0]
     assert told(RootCompensator(MODEL, **WIDE).fit(), ramp(3.0, 0.4))[0].endswith("goes as far and as fast.")
     (words,) = told(RootCompensator(MODEL).fit(), ramp(3.0, 0.4))  # its limits are those of the record
-    assert "59 had no admissible input" in words
+    assert words.startswith("Of 60 samples 59 had no admissible input")
+    assert "The reference goes to 3 at sample 8" in words
 
 
 def test_a_model_without_a_record_is_silent():
@@ -115,3 +116,16 @@ def test_resting_where_the_model_was_never_recorded_asks_nothing_of_it():
     with warnings.catch_warnings():
         warnings.simplefilter("error", UnreachableWarning)
         assert compensator.predict(np.full(5, 9.0), m_init=1.0).tolist() == [1.0] * 5
+
+
+def test_the_command_line_tells_of_a_law_whose_own_model_does_not_follow(tmp_path, capsys):
+    path = tmp_path / "model.json"
+    pd.DataFrame({"r": np.sin(0.1 * np.arange(200))}).to_csv(tmp_path / "r.csv", index=False)
+    asked = ["compensate", str(tmp_path / "r.csv"), "--model", str(path), "--output", str(tmp_path / "u.csv")]
+    NARXModel.from_equations("0.5*y[k-1] + 0.5*u[k-1]").save(path)
+    assert main([*asked, "--quiet", "--limits", "-3", "3"]) == 0
+    assert capsys.readouterr().err == ""
+    assert main([*asked, "--quiet", "--limits", "-0.2", "0.2"]) == 0
+    said = capsys.readouterr().err
+    assert "no admissible input solved the law, so it was held" in said
+    assert "Driven by this input not even the model follows the reference: it stays" in said

@@ -17,11 +17,12 @@ from narx_sklearn.compensation import (
     RootCompensator,
     UnreachableWarning,
 )
-from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.model import NARXModel
+from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
+from narx_sklearn.model import NARXModel, free_run
 from narx_sklearn.model.times import same_period
 
 METHODS = {"roots": RootCompensator, "isolated": IsolatedCompensator, "inverse": InverseCompensator}
+LOST = 0.2  # of the reference's deviation, as for the laws that a compensator chooses from
 REFERENCES = frozenset({"r", "ref", "reference", "setpoint", "target"})
 
 
@@ -76,21 +77,56 @@ def run(options) -> None:
             "the range of the recorded output, and in its unit? Else identify with fewer terms, or widen "
             "--limits."
         )
-    could_all = not (counts.no_solution or counts.at_limit or counts.at_rate_limit)
-    if could_all and (beyond := compensator.beyond_record(reference)):
-        warnings.warn(beyond, UnreachableWarning, stacklevel=2)
     notes += [f"The law:\n{compensator.law_.to_text()}"]
-    for what, count in (
-        ("no admissible input solved the law, so it was held", counts.no_solution),
-        ("the input was cut at a limit", counts.at_limit),
-        ("its change was cut", counts.at_rate_limit),
-    ):
-        if count:
-            notes.append(f"At {count} of {counts.samples} samples {what}.")
+    _warn_of_input(counts, compensator, reference)
+    if options.method != "inverse":
+        _warn_if_lost(compensator.model_, done.m, reference.to_numpy())
     tell_notes(notes, options.quiet)
     if options.c:
         write_text(options.c, compensator.explain("c", c_prefix(options.c, "compensator")))
     write_columns(options.output, {**columns, label: done.m})
+
+
+def _warn_of_input(counts, compensator, reference) -> None:
+    """Warn of samples at which the law could not have its way, and of a reference beyond the record."""
+    told = [
+        f"at {count} of {counts.samples} samples {what}"
+        for what, count in (
+            ("no admissible input solved the law, so it was held", counts.no_solution),
+            ("the input was cut at a limit", counts.at_limit),
+            ("its change was cut", counts.at_rate_limit),
+        )
+        if count
+    ]
+    words = [f"{told[0].capitalize()}{''.join(f', {part}' for part in told[1:])}."] if told else []
+    words += [beyond] if (beyond := compensator.beyond_record(reference)) else []
+    if words:
+        warnings.warn(" ".join(words), UnreachableWarning, stacklevel=2)
+
+
+def _warn_if_lost(model: NARXModel, m: np.ndarray, reference: np.ndarray) -> None:
+    """Warn where not even the model follows the reference, driven by the input that its law gave."""
+    wanted, lag = reference[:, 0], model.max_lag
+    if np.ptp(wanted) == 0.0:
+        return
+    inputs = np.column_stack([m, reference[:, 1:]])
+    held = np.concatenate([np.repeat(inputs[:1], lag, axis=0), inputs])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DivergenceWarning)  # it is lost, which is told
+        y = free_run(model, held, np.full(lag, wanted[0])).y[lag:, 0]
+    with np.errstate(over="ignore"):
+        missed = np.sqrt(np.mean((y - wanted) ** 2)) / np.std(wanted)
+    if missed <= LOST:
+        return
+    how = f"stays {missed:.0%} of its deviation away from it" if missed < 10.0 else "runs away from it"
+    warnings.warn(
+        f"Driven by this input not even the model follows the reference: it {how}. The law has lost it, and "
+        "the machine will not follow either. Where limits cut the input, widen them or ask for less. Else "
+        "identify with other lags, fewer terms or another --structure, or pass --record, by which a model is "
+        "chosen whose law serves.",
+        UnreachableWarning,
+        stacklevel=2,
+    )
 
 
 def _tell_start(r: float, first: float, recorded) -> list[str]:

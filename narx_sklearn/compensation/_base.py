@@ -210,21 +210,19 @@ class Compensator(BaseEstimator):
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
             if the first reference, at which the model may rest, lies beyond what was recorded; if the law
             runs away: it amplifies its errors, and its input left a thousand times the recorded range, or
-            the range of the inputs that hold the reference; or, where nothing of this is told, if the
-            reference goes clearly farther, or changes clearly faster, than the output in the record that
-            the model is from.
+            the range of the inputs that hold the reference; or if the reference goes clearly farther, or
+            changes clearly faster, than the output in the record that the model is from.
         """
         run = self.compensate(X, m_init)
         reference = as_signals(X, "X")
-        told = m_init is None and self._is_continuum and self._warn_if_begun_beyond(float(reference[0, 0]))
-        ran_away = False
-        if not np.isfinite(self.law_.limits).all():  # else the limits that cut it are told
-            ran_away = warn_if_run_away(self.law_, reference, run.m, self._usual_inputs(reference, m_init))
-        if not ran_away:
-            told = warn_if_unreachable(run.counts, self.law_) or told
-        beyond = "" if told or ran_away else self.beyond_record(X)
-        if beyond:
-            warnings.warn(beyond, UnreachableWarning, stacklevel=2)
+        begun = m_init is None and self._is_continuum and self._warn_if_begun_beyond(float(reference[0, 0]))
+        if not np.isfinite(
+            self.law_.limits
+        ).all() and warn_if_run_away(  # else the limits that cut it are told
+            self.law_, reference, run.m, self._usual_inputs(reference, m_init)
+        ):
+            return run.m
+        warn_if_unreachable(run.counts, self.law_, "" if begun else self.beyond_record(X))
         return run.m
 
     def beyond_record(self, X):

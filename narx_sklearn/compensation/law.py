@@ -498,8 +498,8 @@ class LawState:
         return twin
 
 
-def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> bool:
-    """Tell whether a law could not be satisfied or its limits cut the input or its change, warning if so."""
+def warn_if_unreachable(counts: LawCounts, law: CompensationLaw, beyond: str = "") -> None:
+    """Warn where a law could not be satisfied or limits cut its input, and of what is beyond the record."""
     taken = "the last was kept" if law.policy == "hold" else "the nearest was taken"
     low, high = law.limits
     told = {
@@ -508,7 +508,9 @@ def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> bool:
         f"at {counts.at_rate_limit} rate_limit={law.rate_limit:g} cut its change": counts.at_rate_limit,
     }
     if not any(told.values()):
-        return False
+        if beyond:
+            warnings.warn(beyond, UnreachableWarning, stacklevel=3)
+        return
     ways = {
         "widen the limits if the machine allows it, move m_init, or identify from a record that covers the "
         "reference": counts.no_solution or counts.at_limit,
@@ -517,11 +519,10 @@ def warn_if_unreachable(counts: LawCounts, law: CompensationLaw) -> bool:
     warnings.warn(
         f"Of {counts.samples} samples {', '.join(text for text, count in told.items() if count)}. "
         "The machine cannot follow this reference, or the model does not hold there: "
-        f"{'; '.join(text for text, count in ways.items() if count)}.",
+        f"{'; '.join(text for text, count in ways.items() if count)}." + (beyond and f" {beyond}"),
         UnreachableWarning,
         stacklevel=3,
     )
-    return True
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
