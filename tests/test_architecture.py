@@ -100,6 +100,7 @@ def test_imports_go_only_downwards(module):
 
 
 LARGE = [
+    "compensation",
     "identification",
     "discrepancy",
     *(f"discrepancy/{room}" for room in ROOMS_OF_DIAGNOSIS),

@@ -1,4 +1,18 @@
-"""Compensation: laws that make a machine follow a reference, from its model or its inverse, and loops."""
+"""Compensation: laws that make a machine follow a reference, from its model or its inverse, and loops.
+
+The compensators
+    ``roots``, ``isolated``, ``inverse`` and ``physical`` are what users meet; ``_base`` is what they share,
+    ``_defaults`` the models that they identify unasked. ``beyond`` says where a reference leaves the record.
+From a model to a law
+    ``derive`` does the algebra, in the ``letters`` of a law.
+The law
+    ``law`` is a value that runs, by ``_kernels``, ``_polynomial_roots`` and ``_user_functions``;
+    ``stability`` tells whether it amplifies its errors.
+What is done with it
+    ``closed_loop`` puts a controller round it, ``tracking`` judges it on a plant.
+C for a controller
+    ``c_code`` writes a law and ``model_code`` a model, both with ``c_terms`` and ``_c_runtime``.
+"""
 
 from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.closed_loop import PID, ClosedLoopRun, PIDState, simulate_loop, tune_pid

@@ -17,8 +17,8 @@ The free run
     what they find where one-step errors show no ``whiteness``; ``sizes`` lets it choose how many terms. Free
     runs are judged by ``scoring``; some are ``lost``, ``many`` go at the same time.
 What is told of a model
-    ``told`` with its ``uncertainty``, from ``stretches`` of the record; its ``residuals``, and clusters of
-    its terms that are ``spurious``.
+    ``told`` with its ``uncertainty``, from ``stretches`` of the record; its ``residuals``, clusters of its
+    terms that are ``spurious``, and whether it stays where its input stops, ``at_rest``.
 """
 
 from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
