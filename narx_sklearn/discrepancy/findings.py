@@ -36,6 +36,7 @@ ROUNDING = 1e-9  # of the same
 COARSE = 3.0  # times as large as between exact forms must a difference of the criterion be
 RULED = 1.0  # difference of the criterion that the rules of naming are worth
 PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless, as measured
+HOUR = 3600.0  # seconds, from which a period is told in hours too
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
 
@@ -72,7 +73,9 @@ def make_findings(
                 effect="unknown" if is_unnamed(placed) else placed.effect.code,
                 title=placed.effect.title,
                 sentence=dependence_in_words(placed, rows, simulator)
-                or " ".join(filter(None, (placed.effect.sentence, seen_in_words(placed)))),
+                or " ".join(
+                    filter(None, (placed.effect.sentence, seen_in_words(placed), period_in_words(placed)))
+                ),
                 equation=placed.effect.equation,
                 port=str(felt_at(placed, diagnosis.problem, best.fit.model)),
                 place=place_in_words(placed, simulator),
@@ -363,6 +366,30 @@ def seen_in_words(placed: PlacedEffect) -> str:
     rate = tidy_unit(f"{unit}/s") if unit else ""
     seen = f"It was seen for {placed.argument_name} {x} {unit}".rstrip() + f", its rate v {v} {rate}".rstrip()
     return f"{seen}; beyond that it stays as it is there."
+
+
+def period_in_words(placed: PlacedEffect) -> str:
+    """Return how long a period takes of what swings in time; empty for what does not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.findings import period_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> hum = CATALOGUE["periodic_disturbance"]
+    >>> period_in_words(PlacedEffect(hum, Port("state", 1), theta=(0.2, 100 * np.pi, 0.0)))
+    'One period takes 0.02 s.'
+    >>> period_in_words(PlacedEffect(hum, Port("state", 1), theta=(0.2, 2 * np.pi / 86400, 0.0)))
+    'One period takes 86400 s (24 h).'
+    """
+    theta = placed.own_theta
+    swings = [w for p, w in zip(placed.effect.parameters, theta, strict=True) if p.unit == "rad/s" and w > 0]
+    if not swings:
+        return ""
+    period = 2 * np.pi / float(swings[0])
+    hours = f" ({period / HOUR:.4g} h)" if period >= HOUR else ""
+    return f"One period takes {in_seconds(period, 4)}{hours}."
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

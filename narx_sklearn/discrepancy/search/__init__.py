@@ -4,7 +4,8 @@
 ``broken_line``; in a ``storage`` an inertia or capacity changes, ``varying`` a parameter; a force acts near
 ``one_place``, ``memories`` at inputs and outputs), become columns of a ``bank``; ``detect`` tests whether
 anything is missing, ``ranking`` says what leads; that is fitted, from other ``valleys`` too, and is then a
-``candidate``, also without some of its ``members``; ``confirm`` asks whether it is noise (``by_chance``,
+``candidate``, also without some of its ``members``, what
+swings with its ``harmonics``; ``confirm`` asks whether it is noise (``by_chance``,
 ``restricted``), ``lookalikes`` which is the likeliest and what else it could be, ``inference`` how sure that
 is.
 """

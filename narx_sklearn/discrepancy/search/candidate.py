@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from narx_sklearn.discrepancy.fitting.refit import Fit
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import out_of
 
@@ -110,3 +111,9 @@ def once_each(candidates: list[Candidate]) -> list[Candidate]:
     for candidate in candidates:
         first.setdefault(frozenset(candidate.places), candidate)
     return list(first.values())
+
+
+def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None) -> Candidate:
+    """Return a set of effects fitted to the end."""
+    found = fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7, n_jobs=n_jobs)
+    return Candidate(found, candidate.n_samples)

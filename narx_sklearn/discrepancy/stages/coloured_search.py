@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.noise import estimate_noise
 from narx_sklearn.discrepancy.search.bank import Bank, flexible_residual, make_bank
-from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, once_each
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, converged, once_each
 from narx_sklearn.discrepancy.search.confirm import CLEARER, clearer_noise, deviance
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import (
@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.search.explain import (
     refit_pairs,
     search,
 )
+from narx_sklearn.discrepancy.search.harmonics import with_one_course
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.members import without
@@ -94,11 +95,24 @@ def coloured_search(
         if led is not None:
             return coloured_search(problem, led, structure, settings, valleys=valleys - 1)
     for _ in range(LOOKS):
+        found = _beside_its_course(found, structure, settings)
         again = _under_clearer_noise(found, structure, settings)
         if again is None:
             break
         found = again
     return found
+
+
+def _beside_its_course(found: Searched, structure: Structure, settings: Settings) -> Searched:
+    """Search on beside a sine with its harmonics, where the likeliest set has such: they are no noise."""
+    problem, refitted, pool = found.problem, found.refitted, found.pool
+    if not pool or found.p_value > settings.alpha:
+        return found
+    best = likeliest(pool, refitted.cost)
+    if with_one_course(problem, best, pool, refitted.cost, settings.alpha, settings.n_jobs) is best:
+        return found
+    known = sorted((c for c in pool if len(c.effects) <= 2), key=lambda c: c.criterion)
+    return found._replace(steps=_steps(problem, refitted, structure, settings, True, known))
 
 
 def _led_farther(problem: Problem, refitted: Fit, best: Candidate) -> Fit | None:
@@ -201,12 +215,6 @@ def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: 
     unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
     run = problem.run(found.model)
     return enumerate_hypotheses(settings.effects, problem, run, structure, unasked, settings.n_jobs)
-
-
-def converged(problem: Problem, candidate: Candidate, n_jobs: int | None = None) -> Candidate:
-    """Return a set of effects fitted to the end."""
-    found = fit(problem, candidate.fit.model, iterations=FINE, tolerance=1e-7, n_jobs=n_jobs)
-    return Candidate(found, candidate.n_samples)
 
 
 def pool_of(steps: Sequence[Step]) -> list[Candidate]:

@@ -8,10 +8,9 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, converged
 from narx_sklearn.discrepancy.search.confirm import is_drift, is_slow
 from narx_sklearn.discrepancy.search.lookalikes import CERTAIN
-from narx_sklearn.discrepancy.stages.coloured_search import converged
 from narx_sklearn.physics.effects import Effect, EffectParameter
 from narx_sklearn.physics.effects._drift import warmed_along
 from narx_sklearn.physics.effects._series import time_since

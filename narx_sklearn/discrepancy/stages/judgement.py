@@ -8,12 +8,12 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, odd
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_of_a_sensor
 from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
 from narx_sklearn.discrepancy.stages.naming import named_by_reach, named_set
 from narx_sklearn.discrepancy.stages.powers import with_another_power

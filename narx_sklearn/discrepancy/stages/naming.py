@@ -8,14 +8,15 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import more_than_drift
+from narx_sklearn.discrepancy.search.harmonics import with_one_course
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, is_one_law, likeliest
 from narx_sklearn.discrepancy.search.members import reordered, without, without_idle
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.fading import with_what_fades
 from narx_sklearn.discrepancy.stages.forms import FORM, along, taken_by_forms
 from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps
@@ -37,7 +38,8 @@ def named_set(
     best = _converged_best(problem, best, pool, refitted.cost, settings.n_jobs)
     best = next((converged(problem, fewer, settings.n_jobs) for fewer in without_idle(problem, best)), best)
     best = _without_form_menders(problem, best, pool, structure, settings.n_jobs)
-    return with_what_fades(problem, best, pool, settings.n_jobs)
+    best = with_what_fades(problem, best, pool, settings.n_jobs)
+    return with_one_course(problem, best, pool, refitted.cost, settings.alpha, settings.n_jobs)
 
 
 def _converged_best(

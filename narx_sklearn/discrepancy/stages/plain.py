@@ -6,8 +6,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.stages.coloured_search import converged
+from narx_sklearn.discrepancy.search.candidate import Candidate, converged
 
 
 def counted_from_zero(problem: Problem, best: Candidate) -> Candidate:

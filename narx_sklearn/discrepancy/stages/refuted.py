@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.search.bank import beside, make_bank
-from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, odd
+from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
 from narx_sklearn.discrepancy.search.explain import probe
 from narx_sklearn.discrepancy.search.generic import is_unnamed
@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import converged, hypotheses_of, kept_near, went_far
+from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of, kept_near, went_far
 from narx_sklearn.discrepancy.stages.forms import FORM
 from narx_sklearn.discrepancy.stages.remainder import Sign, look_at_remainder
 from narx_sklearn.discrepancy.stages.unnamed import SUSPECT, UNEXPLAINED, curves_along

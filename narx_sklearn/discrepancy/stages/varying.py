@@ -7,7 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank
-from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, once_each
+from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, converged, once_each
 from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_noise, deviance
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.search.ranking import gains, scaled
 from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES as OWN
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, converged
+from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judged
 from narx_sklearn.discrepancy.stages.refuted import BEFORE_DATA, may_be_drift
 from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
