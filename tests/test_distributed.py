@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.identification import record
 from narx_sklearn.identification.compression import screened_library, screened_on_factor, total_factor
-from narx_sklearn.identification.narx_cv import Fold, runs_of, split_in_runs
+from narx_sklearn.identification.folds import Fold, runs_of, split_in_runs
 from narx_sklearn.identification.record import ArrayRecord
 from narx_sklearn.model import DifferenceSign, Play, TermLibrary
 from narx_sklearn.model.recording import Layout
@@ -196,13 +196,13 @@ def test_screening_on_the_factor_is_screening_on_the_data():
         assert on_factor == screened_library(library, layout, whole, n_terms)
 
 
-def test_folds_of_time_order_are_scikit_learn_s():
-    from sklearn.model_selection import TimeSeriesSplit
+def test_folds_of_consecutive_samples_are_scikit_learn_s():
+    from sklearn.model_selection import KFold
 
     X, y, _ = RECORD
     whole = ArrayRecord(X, y[:, None])
     for n_splits in (2, 3, 7):
-        indices = TimeSeriesSplit(n_splits).split(X)
+        indices = KFold(n_splits).split(X)
         assert split_in_runs(n_splits, whole) == [Fold(runs_of(a), runs_of(b)) for a, b in indices]
 
 

@@ -1,6 +1,7 @@
 """NARXRegressorCV: the same choice as a plain grid search, from one pass over the data."""
 
 import warnings
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,7 @@ import pytest
 from sklearn.model_selection import GridSearchCV, KFold, TimeSeriesSplit
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
+from narx_sklearn.datasets import make_piezo_bench
 from narx_sklearn.model import Difference
 
 
@@ -23,20 +25,83 @@ def make_record(n_samples, seed=0, noise=0.02):
 
 @pytest.mark.filterwarnings("ignore:n_terms=")
 @pytest.mark.parametrize("seed", range(3))
-def test_it_chooses_what_a_grid_search_chooses(seed):
+def test_of_least_squares_it_chooses_what_a_grid_search_chooses(seed):
     X, y = make_record(500, seed)
-    ours = NARXRegressorCV([1, 2], [1, 2], degree=[1, 2], max_terms=6, cv=3).fit(X, y)
+    folds = TimeSeriesSplit(3)
+    ours = NARXRegressorCV([1, 2], [1, 2], degree=[1, 2], max_terms=6, cv=folds, refine=False).fit(X, y)
     grid = {"output_lags": [1, 2], "input_lags": [1, 2], "degree": [1, 2], "n_terms": list(range(1, 7))}
-    plain = GridSearchCV(NARXRegressor(refine=False, max_terms=6), grid, cv=TimeSeriesSplit(3)).fit(X, y)
+
+    def pooled(results):
+        weight = np.array([y[test].var() for _, test in folds.split(X)])
+        scores = np.array([results[f"split{i}_test_score"] for i in range(3)])
+        return int(np.argmax(weight @ scores / weight.sum()))
+
+    plain = GridSearchCV(NARXRegressor(refine=False, max_terms=6), grid, cv=folds, refit=pooled).fit(X, y)
     assert plain.best_params_.items() <= ours.best_params_.items()
-    np.testing.assert_allclose(ours.best_score_, plain.best_score_, rtol=1e-6)
+    for name in ("mean_test_score", "std_test_score"):
+        np.testing.assert_allclose(
+            ours.cv_results_[name][ours.best_index_], plain.cv_results_[name][plain.best_index_], rtol=1e-6
+        )
+
+
+def test_the_score_of_a_search_is_that_of_all_held_out_errors_together():
+    X, y = make_record(400)
+    X[300:] *= 0.1  # an input that hardly moves the output, whose own R² is poor
+    for k in range(300, 400):
+        y[k] = 0.6 * y[k - 1] - 0.2 * y[k - 2] + X[k - 1, 0] + 0.5 * X[k - 1, 0] * X[k - 2, 0]
+    y[300:] += 0.05 * np.random.default_rng(1).normal(size=100)
+    search = NARXRegressorCV([2], [2], degree=[2], n_terms=[4], cv=4, refine=False).fit(X, y)
+    parts = [slice(100 * i, 100 * i + 100) for i in range(4)]
+    scatter = np.array([((y[part] - y[part].mean()) ** 2).sum() for part in parts])
+    scores = np.array([search.cv_results_[f"split{i}_test_score"][0] for i in range(4)])
+    together = 1 - ((1 - scores) * scatter).sum() / scatter.sum()
+    np.testing.assert_allclose(search.best_score_, together, rtol=1e-9)
+    np.testing.assert_allclose(search.cv_results_["pooled_test_score"], [together], rtol=1e-9)
+    assert scores[3] < 0.95 < 0.98 < together
+
+
+def test_what_is_chosen_was_fitted_to_the_folds_as_it_is_to_the_record():
+    X, y = make_record(300)
+    y = y + 0.1 * np.random.default_rng(1).normal(size=300)  # noise on the output, which biases least squares
+    search = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=6, cv=3, origin="zero").fit(X, y)
+    table = pd.DataFrame(search.cv_results_)
+    assert table["refined"].tolist() == [False] * 12 + [True] * 4
+    assert table.loc[search.best_index_, ["refined", "rank_test_score"]].tolist() == [True, 1]
+    assert table.loc[table["refined"], "rank_test_score"].max() == 4
+    for _, row in table[table["refined"]].iterrows():
+        size = {"n_terms": row["param_n_terms"]} if row["param_n_terms"] else {"criterion": "ebic"}
+        plain = NARXRegressor(2, 2, degree=row["param_degree"], max_terms=6, origin="zero", **size)
+        for i, (train, test) in enumerate(KFold(3).split(X)):
+            score = plain.fit(X[train], y[train], sessions=train > test[0]).score(X[test], y[test])
+            np.testing.assert_allclose(row[f"split{i}_test_score"], score, rtol=1e-9)
+    assert search.best_estimator_.noise_ == "output"
+
+
+@pytest.mark.filterwarnings("ignore::narx_sklearn.exceptions.NarxWarning")  # sizes are kept small
+def test_a_hysteresis_is_held_out_as_well_as_the_best_of_the_grid():
+    train = make_piezo_bench(600, sampling_period=0.05, noise=0.005, random_state=0)
+    test = make_piezo_bench(600, sampling_period=0.05, random_state=1)
+    grid = {"output_lags": (1, 2), "input_lags": (2,), "degree": (1, 3)}
+    search = NARXRegressorCV(**grid, max_terms=10, cv=3).fit(train.X, train.y)
+    settings = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+    plain = [
+        NARXRegressor(**one, max_terms=10).fit(train.X, train.y).score(test.X, test.y) for one in settings
+    ]
+    assert 1 - search.score(test.X, test.y) < 1.5 * (1 - max(plain))
 
 
 def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
     X, y = make_record(400)
-    ours = NARXRegressorCV([1, 2], [2], degree=[2], n_terms=[3], criterion=["bic"], cv=2, origin="zero").fit(
-        X, y
-    )
+    ours = NARXRegressorCV(
+        [1, 2],
+        [2],
+        degree=[2],
+        n_terms=[3],
+        criterion=["bic"],
+        cv=TimeSeriesSplit(2),
+        origin="zero",
+        refine=False,
+    ).fit(X, y)
     table = pd.DataFrame(ours.cv_results_)
     for _, row in table.iterrows():
         size = {"n_terms": row["param_n_terms"]} if row["param_n_terms"] else {"criterion": "bic"}

@@ -1,8 +1,9 @@
 """Identification of NARX models, from records to models and what is told of them.
 
 The estimators
-    ``narx`` identifies one model, ``narx_cv`` chooses lags, degree and size as well; ``settings`` is what may
-    be asked of them. ``transformers`` and the ``err_selector`` are parts of ordinary pipelines.
+    ``narx`` identifies one model, ``narx_cv`` chooses lags, degree and size as well: all are ``judged`` on
+    ``folds``, and ``finalists`` as they will be fitted; ``settings`` is what may be asked of them.
+    ``transformers`` and the ``err_selector`` are parts of ordinary pipelines.
 What is to be identified
     ``opening`` makes a ``record`` of what is handed over, that is read block by block: arrays, ``recordings``
     in files, ``distributed`` ones, ``batches`` of a stream. ``posing`` chooses signals, candidate terms by

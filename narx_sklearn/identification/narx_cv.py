@@ -2,49 +2,38 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 from itertools import product
 from numbers import Integral
-from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin
-from sklearn.model_selection import TimeSeriesSplit, check_cv
 from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice, check_count
-from narx_sklearn.exceptions import NarxWarning, RankWarning
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.constraints import LinearConstraints
-from narx_sklearn.identification.factor import Factor, compress
+from narx_sklearn.identification.finalists import choose_finalists, judge_finalists, refinement_decides
+from narx_sklearn.identification.folds import Fold, FoldedRecord, parted, split_in_runs
+from narx_sklearn.identification.judged import Judged, fold_weights
 from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.identification.opening import open_data
 from narx_sklearn.identification.posing import constraints_of, pose
 from narx_sklearn.identification.procedure import (
     Compressed,
-    Problem,
     Selected,
     build_model,
-    compress_choices,
     estimate_terms,
-    merge_parts,
-    origin_choices,
     scaled_constraints,
-    scaled_layout,
     total_criterion,
 )
-from narx_sklearn.identification.record import Block, Record
-from narx_sklearn.identification.regressors import Candidates, reach_of, remembers_all
+from narx_sklearn.identification.record import Record
 from narx_sklearn.identification.scoring import FreeRunJudge
 from narx_sklearn.identification.selection import search_terms
 from narx_sklearn.identification.settings import check_settings
 from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.metrics import DIVERGED_SCORE
-from narx_sklearn.model.recording import Layout
-from narx_sklearn.model.terms import TermLibrary
 
 __all__ = ["NARXRegressorCV"]
 
@@ -54,9 +43,12 @@ RULES = ("best", "one_standard_error")
 class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """Choose lags, delay, degree and number of terms by the free run on held-out folds.
 
-    Equivalent to ``GridSearchCV`` over `NARXRegressor` without free-run refinement, at a fraction of its
-    cost: the record is compressed once for the largest library of the grid; every fold, lag, degree and
-    size is then worked out on small triangular factors.
+    The record is compressed once for the largest library of the grid; every fold, lag, degree and size is
+    then worked out on small triangular factors, by least squares. With ``refine=False`` that is all, and
+    equivalent to ``GridSearchCV`` over `NARXRegressor`, at a fraction of its cost. Otherwise the final fit
+    searches and refines on the free run, which changes the models, so that the best of each lag, delay and
+    degree (of a long record only the leading ones) are fitted to the folds as the final one will be to all
+    the data, and these scores decide.
 
     Parameters
     ----------
@@ -71,14 +63,14 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     criterion : str or list of str, default=()
         Criteria whose choice of size is judged as well.
     cv : int, cross-validation splitter or iterable, default=None
-        Folds; an integer is that many of ``TimeSeriesSplit``, None five. Lags never reach across the edge
-        of a training part.
+        Folds; an integer is that many parts of consecutive samples, each held out once, None five. Lags
+        never reach across the edge of a training part.
     rule : {"best", "one_standard_error"}, default="best"
-        ``"best"`` takes the best mean score; ``"one_standard_error"`` the fewest terms whose mean score is
-        within one standard error of it.
+        ``"best"`` takes the best score over all folds together; ``"one_standard_error"`` the fewest terms
+        whose score is within one standard error of it.
     phi, phi_lags, structure, exclude, max_terms, search, constraints, refine, fit_intercept, origin, \
 sampling_period
-        As for `NARXRegressor`; ``refine`` applies to the final fit, and ``max_terms`` is a number.
+        As for `NARXRegressor`; ``max_terms`` is a number.
     n_jobs : int, default=None
         Threads over folds.
 
@@ -89,10 +81,13 @@ sampling_period
     best_params_ : dict
         Its parameters from the grid.
     best_score_ : float
-        Its mean held-out R² of the free run.
+        Its held-out R² of the free run, over all folds together.
     cv_results_ : dict of ndarray
         Parameters and scores of all choices, ready for a DataFrame: ``param_*``, ``mean_test_score``,
-        ``std_test_score``, ``rank_test_score``, ``split<i>_test_score``, ``mean_n_terms``.
+        ``std_test_score``, ``pooled_test_score``, ``rank_test_score``, ``split<i>_test_score``,
+        ``mean_n_terms``, and ``refined``. Pooled is R² of all held-out errors together, in which a fold
+        counts for as much as its output moves; ranks are those of it. Refined choices were fitted to the
+        folds as the final one is to all the data; where some were, the others rank behind them.
     model_ : NARXModel
         The model of ``best_estimator_``.
     n_features_in_ : int
@@ -187,10 +182,23 @@ sampling_period
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NarxWarning)  # the fit of the model that is taken tells it too
             record = open_data(first, X, y, sessions, reset=True)
+        folds = split_in_runs(self.cv, record)
         with single_threaded_blas(), warnings.catch_warnings():
-            warnings.simplefilter("ignore", RankWarning)  # of trials; the model that is taken tells its own
-            scores, counts = self._judge(record, structures, sizes)
-        self._tabulate(structures, sizes, scores, counts)
+            warnings.simplefilter("ignore", NarxWarning)  # of trials; the model that is taken tells its own
+            screened = self._screen(record, folds, structures, sizes)
+            finalists = None
+            if refinement_decides(first, record):
+                n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
+                own_size = (
+                    first.criterion
+                    if isinstance(self.n_terms, str) and len(sizes) == self.max_terms
+                    else None
+                )
+                chosen = choose_finalists(screened, sizes, own_size, n_training)
+                finalists = judge_finalists(
+                    chosen, self._regressor, record, folds, weights=screened.weights, n_jobs=self.n_jobs
+                )
+        self._tabulate(screened, finalists)
         best = self._regressor(**self.best_params_)
         self.best_estimator_ = best.fit(X, y, sessions=sessions) if record.in_memory else best.fit(record)
         self.model_ = self.best_estimator_.model_
@@ -231,8 +239,8 @@ sampling_period
         )  # fmt: skip
         return NARXRegressor(**{name: getattr(self, name) for name in shared} | chosen)
 
-    def _judge(self, record: Record, structures, sizes):
-        """Return free-run scores and numbers of terms, shape (n_structures, n_sizes, n_folds)."""
+    def _screen(self, record: Record, folds: list[Fold], structures, sizes) -> Judged:
+        """Return the scores of the whole grid by least squares."""
         problems, constraints = [], []
         for structure in structures:
             regressor = self._regressor(**structure)
@@ -242,17 +250,17 @@ sampling_period
             )
             problems.append(problem)
             constraints.append(constraints_of(regressor.constraints, problem))
-        if record.n_samples < 2:
-            raise ValueError(f"Folds need at least two samples, got n_samples = {record.n_samples}.")
-        folded = _FoldedRecord(problems, record, split_in_runs(self.cv, record), self)
-        work = delayed(self._judge_fold)
+        folded = FoldedRecord(problems, record, folds, self)
+        work = delayed(self._screen_fold)
         results = Parallel(n_jobs=self.n_jobs, prefer="threads")(
-            work(folded, f, problems, constraints, sizes) for f in range(len(folded.folds))
+            work(folded, f, problems, constraints, sizes) for f in range(len(folds))
         )
-        scores, counts = zip(*results, strict=True)
-        return np.stack(scores, axis=-1), np.stack(counts, axis=-1)
+        scores, counts, scatter = (np.stack(part, axis=-1) for part in zip(*results, strict=True))
+        grid = [structure | size for structure in structures for size in sizes]
+        flat = (len(grid), len(folds))
+        return Judged(grid, scores.reshape(flat), counts.reshape(flat), fold_weights(scatter.T))
 
-    def _judge_fold(self, record: "_FoldedRecord", f: int, problems, constraints, sizes):
+    def _screen_fold(self, record: FoldedRecord, f: int, problems, constraints, sizes):
         scores = np.full((len(problems), len(sizes)), DIVERGED_SCORE)
         counts = np.zeros((len(problems), len(sizes)), dtype=int)
         test = record.folds[f].test
@@ -283,33 +291,35 @@ sampling_period
                     judged[key] = judge.score(model)
                 scores[g, s] = judged[key]
                 counts[g, s] = model.n_terms
-        return scores, counts
+        return scores, counts, np.nan_to_num(y.shape[0] * np.nanvar(y, axis=0))
 
-    def _tabulate(self, structures, sizes, scores, counts) -> None:
-        """Store the results, and choose."""
-        grid = [structure | size for structure in structures for size in sizes]
-        flat = scores.reshape(len(grid), -1)
-        mean, spread = flat.mean(axis=1), flat.std(axis=1)
-        terms = counts.reshape(len(grid), -1).mean(axis=1)
-        names = dict.fromkeys(name for point in grid for name in point)
-        results = {f"param_{name}": _column([point.get(name) for point in grid]) for name in names}
-        results |= {f"split{i}_test_score": flat[:, i] for i in range(flat.shape[1])}
-        order = np.lexsort((np.arange(len(grid)), terms, -mean))
-        rank = np.empty(len(grid), dtype=int)
-        rank[order] = np.arange(1, len(grid) + 1)
+    def _tabulate(self, screened: Judged, finalists: Judged | None) -> None:
+        """Store the results, and choose: among the finalists, where there are any."""
+        judged = screened if finalists is None else screened.followed_by(finalists)
+        pooled, terms = judged.pooled, judged.counts.mean(axis=1)
+        names = dict.fromkeys(name for point in judged.choices for name in point)
+        results = {f"param_{name}": _column([p.get(name) for p in judged.choices]) for name in names}
+        results |= {f"split{i}_test_score": column for i, column in enumerate(judged.scores.T)}
+        behind = np.zeros(len(pooled), dtype=bool)  # choices whose scores decide nothing
+        behind[: 0 if finalists is None else len(screened.choices)] = True
+        order = np.lexsort((np.arange(len(pooled)), terms, -pooled, behind))
+        rank = np.empty(len(pooled), dtype=int)
+        rank[order] = np.arange(1, len(pooled) + 1)
         self.cv_results_ = results | {
-            "mean_test_score": mean,
-            "std_test_score": spread,
+            "mean_test_score": judged.scores.mean(axis=1),
+            "std_test_score": judged.scores.std(axis=1),
+            "pooled_test_score": pooled,
             "mean_n_terms": terms,
             "rank_test_score": rank,
+            "refined": ~behind & (finalists is not None),
         }
         best = int(order[0])
         if self.rule == "one_standard_error":
-            near = np.flatnonzero(mean >= mean[best] - spread[best] / np.sqrt(flat.shape[1]))
-            best = int(near[np.lexsort((-mean[near], terms[near]))[0]])
+            near = np.flatnonzero((pooled >= pooled[best] - judged.standard_error[best]) & ~behind)
+            best = int(near[np.lexsort((-pooled[near], terms[near]))[0]])
         self.best_index_ = best
-        self.best_params_ = grid[best]
-        self.best_score_ = float(mean[best])
+        self.best_params_ = judged.choices[best]
+        self.best_score_ = float(pooled[best])
 
     def predict(self, X, y_init=None, sessions=None):
         """Simulate the best model; see `NARXRegressor.predict`."""
@@ -345,150 +355,6 @@ sampling_period
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         return tags
-
-
-class Fold(NamedTuple):
-    """Training and test part as runs of consecutive samples."""
-
-    training: list[slice]
-    test: list[slice]
-
-
-def split_in_runs(cv, record: Record) -> list[Fold]:
-    """Return the folds of a splitter; those of time order without an index for each sample."""
-    if cv is None or isinstance(cv, Integral):
-        n_splits, n_samples = 5 if cv is None else int(cv), record.n_samples
-        check = TimeSeriesSplit(n_splits)  # refuses a number of splits that cannot be
-        size = n_samples // (n_splits + 1)
-        if size == 0:
-            list(check.split(np.empty((n_samples, 0))))  # raises, with scikit-learn's own words
-        starts = range(n_samples - n_splits * size, n_samples, size)
-        return [Fold([slice(0, a)], [slice(a, a + size)]) for a in starts]
-    placeholder = np.empty((record.n_samples, 0))
-    return [Fold(runs_of(np.sort(a)), runs_of(b)) for a, b in check_cv(cv).split(placeholder)]
-
-
-def runs_of(indices: np.ndarray) -> list[slice]:
-    """Return indices (or a mask) as runs of consecutive ones, in their order."""
-    indices = np.flatnonzero(indices) if indices.dtype == bool else indices
-    if indices.size == 0:
-        return []
-    cuts = np.flatnonzero(np.diff(indices) != 1) + 1
-    firsts, lasts = indices[np.r_[0, cuts]], indices[np.r_[cuts - 1, indices.size - 1]]
-    return [slice(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
-
-
-def parted(labels: np.ndarray | None, runs: list[slice]) -> np.ndarray | None:
-    """Return session labels that change from run to run too, where samples of several runs stand in a row."""
-    if len(runs) < 2:
-        return labels
-    own = np.repeat(np.arange(len(runs)), [run.stop - run.start for run in runs])
-    if labels is None:
-        return own
-    begins = (own[1:] != own[:-1]) | (labels[1:] != labels[:-1])
-    return np.concatenate([[0], np.cumsum(begins)])
-
-
-class _FoldedRecord:
-    """A record compressed stretch by stretch, so that the training part of every fold is a merge."""
-
-    def __init__(self, problems: list[Problem], record: Record, folds: list[Fold], settings: NARXRegressorCV):
-        self.record, self.folds, self.settings = record, folds, settings
-        first = problems[0]
-        union = TermLibrary(term for problem in problems for term in problem.library)
-        self.problem = Problem(first.outputs, first.inputs, first.phi, union)
-        self.libraries = tuple(problem.library for problem in problems)
-        self.layout = scaled_layout(self.problem, record)
-        edges = {0, record.n_samples}
-        for fold in folds:
-            edges |= {edge for run in fold.training for edge in (run.start, run.stop)}
-        self.edges = np.array(sorted(edges))
-        self._parts: dict = {}
-        self._lock = Lock()
-
-    def choices(self, f: int, g: int, problem: Problem, constraints) -> list[Compressed]:
-        """Return the training part of fold ``f``, compressed at the origins worth trying."""
-        chosen = self.settings
-        origins = origin_choices(
-            chosen.origin, problem, self.layout, self.record, constraints, chosen.structure,
-            chosen.fit_intercept,
-        )  # fmt: skip
-        return compress_choices(
-            problem, self.layout, origins, lambda at: self._training_factor(f, g, problem.library, at)
-        )
-
-    def _training_factor(self, f: int, g: int, library: TermLibrary, layout) -> Compressed:
-        """Merge the stretches of a fold, and add the few rows that only this library can use."""
-        parts = self._compressed(layout)
-        columns = [self.problem.library.index(term) for term in library]
-        total = Factor.empty(len(library), len(layout.outputs))
-        for s, begin in enumerate(self.edges[:-1]):
-            if s in parts and any(run.start <= begin < run.stop for run in self.folds[f].training):
-                total = total.merge(parts[s].subset(columns))
-        if (f, g) in parts:
-            total = total.merge(parts[f, g])
-        return Compressed(library, layout, total, len(library))
-
-    def _compressed(self, layout) -> dict:
-        """Return, once for each origin, factors by stretch, and of what is left by fold and library."""
-        key = layout.origin.tobytes()
-        with self._lock:
-            if key not in self._parts:
-                union = self.problem.library
-                self._parts[key] = self.record.total(
-                    partial(folds_of_block, union, self.libraries, layout, self.edges, self.folds),
-                    merge_parts,
-                    reach=reach_of(union, layout),
-                    whole=remembers_all(layout),
-                )
-            return self._parts[key]
-
-
-def folds_of_block(
-    union: TermLibrary,
-    libraries: tuple[TermLibrary, ...],
-    layout: Layout,
-    edges: np.ndarray,
-    folds: list[Fold],
-    block: Block,
-) -> dict:
-    """Compress a block: what lies in each stretch, and for each fold and library what that leaves out.
-
-    A sample counts where all that is read at it lies in one training part. In a stretch those are the samples
-    from the longest lag on, for all libraries and folds alike; the others are few.
-    """
-    every = Candidates.in_block(union, layout, block)
-    place = every.rows + block.origin
-    stretch = np.searchsorted(edges, place, side="right") - 1
-    inside = place - edges[stretch] >= reach_of(union, layout)
-    found: dict = {}
-    with single_threaded_blas():
-        for s in np.unique(stretch[inside]):
-            rows = every.rows[inside & (stretch == s)]
-            found[int(s)] = compress([replace(every, rows=rows)])
-        for g, library in enumerate(libraries):
-            own = Candidates(library, layout, every.recording, usable_rows(library, layout, every, block))
-            others = np.setdiff1d(own.rows, every.rows[inside], assume_unique=True)
-            for f, fold in enumerate(folds):
-                rows = others[_inside(fold.training, others + block.origin, reach_of(library, layout))]
-                if rows.size:
-                    found[f, g] = compress([replace(own, rows=rows)])
-    return found
-
-
-def usable_rows(library: TermLibrary, layout: Layout, every: Candidates, block: Block) -> np.ndarray:
-    """Return the block's own samples at which a library is known."""
-    rows = Candidates.of(library, layout, every.recording).rows
-    return rows[rows >= block.n_past]
-
-
-def _inside(runs: list[slice], places: np.ndarray, reach: int) -> np.ndarray:
-    """Tell which places lie in a run, at least ``reach`` after its start."""
-    if not runs:
-        return np.zeros(places.size, dtype=bool)
-    starts, stops = (np.array(side) for side in zip(*((r.start, r.stop) for r in runs), strict=True))
-    own = np.searchsorted(starts, places, side="right") - 1
-    return (own >= 0) & (places < stops[own]) & (places - starts[own] >= reach)
 
 
 def _select_size(
