@@ -679,6 +679,38 @@ def growing(n_samples):
     return u[:, None], y
 
 
+@pytest.fixture(scope="module")
+def half_way():
+    """Return a model that is exact, y[k] = 0.5 y[k-1] + u[k-1], of outputs between -2 and 2."""
+    u = np.repeat([1.0, -1.0, 0.5, -0.25, 0.0], 40)
+    y = np.zeros(u.size)
+    for k in range(1, u.size):
+        y[k] = 0.5 * y[k - 1] + u[k - 1]
+    narx = NARXRegressor(1, 1, degree=1, n_terms=2, fit_intercept=False, origin="zero", refine=False)
+    return narx.fit(u[:, None], y)
+
+
+def test_a_free_run_half_a_span_beyond_what_was_fitted_is_told_with_the_input_that_drives_it(half_way):
+    X = np.r_[np.full(30, 0.9), np.full(10, 3.0)][:, None]  # nine outputs of forty rise from 1.8 to 6
+    low, _, high = half_way.model_.recorded["y"]
+    assert high - low == pytest.approx(4.0, abs=1e-6)
+    message = r"goes to 5.99 at sample 39, .* on -2 to 2: .* 0\.23 of the samples .* So do the inputs 'u'"
+    with pytest.warns(ExcitationWarning, match=message) as told:
+        half_way.predict(X, y_init=[1.8])
+    assert len(told) == 1
+
+
+def test_a_free_run_that_goes_there_by_itself_is_told_so(half_way):
+    with pytest.warns(ExcitationWarning, match="goes to 4.5 at sample 0, .* The inputs do not: "):
+        half_way.predict(np.zeros((50, 1)), y_init=[4.5])
+
+
+@pytest.mark.parametrize("size", [1.0, 1.4, 1.9])  # the middle is 0 and the span 4: told from 2 on
+def test_a_free_run_less_than_half_a_span_beyond_what_was_fitted_is_ordinary(half_way, size):
+    y = half_way.predict(np.full((60, 1), size), y_init=[0.0])  # a warning would be an error
+    assert y[-1] == pytest.approx(2 * size)
+
+
 def test_a_free_run_a_thousand_times_beyond_what_was_fitted_is_warned_of():
     X, y = growing(400)
     narx = NARXRegressor(1, 1, degree=1, fit_intercept=False, origin="zero").fit(X[:60], y[:60])
@@ -689,7 +721,10 @@ def test_a_free_run_a_thousand_times_beyond_what_was_fitted_is_warned_of():
     with pytest.warns(DivergenceWarning, match=rf"run of 'y' goes to .* at sample {first}, .* refine=True"):
         simulated = narx.predict(X, y_init=y)
     assert np.isfinite(simulated).all()
-    np.testing.assert_allclose(narx.predict(X[:first], y_init=y), y[:first], rtol=1e-6)  # and no warning
+    with pytest.warns(ExcitationWarning, match="The inputs do not") as told:  # far beyond, but not lost
+        simulated = narx.predict(X[:first], y_init=y)
+    assert len(told) == 1
+    np.testing.assert_allclose(simulated, y[:first], rtol=1e-6)
 
 
 @pytest.mark.parametrize("y_init", [[np.nan], [np.nan, 1.0, 2.0]], ids=["short", "as long as X"])

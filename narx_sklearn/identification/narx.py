@@ -436,6 +436,9 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
         DivergenceWarning
             If an output leaves the finite range, or goes more than a thousand times as far as the outputs
             that were fitted; says at which sample.
+        ExcitationWarning
+            If an output goes beyond the range that was fitted by more than half of it; says how far, for how
+            many of the samples, and whether the inputs do so too.
         NarxWarning
             If ``y_init`` holds NaN wherever the simulation starts, so that it says nothing.
         """
@@ -452,7 +455,7 @@ class NARXRegressor(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if run.stopped_at is None:
-            warn_if_far(self.model_, run.y)
+            warn_if_far(self.model_, X, run.y)
         return self._shaped(run.y)
 
     def predict_one_step(self, X, y, sessions=None):
