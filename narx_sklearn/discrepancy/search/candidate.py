@@ -23,6 +23,7 @@ class Candidate:
     fit: Fit
     n_samples: int
     given: int = 0  # ends of its effects' times that nobody chose
+    elsewhere: tuple[PlacedEffect, ...] = ()  # laws as likely as its last, one without a name, at other ports
 
     @property
     def effects(self) -> tuple[PlacedEffect, ...]:

@@ -45,6 +45,7 @@ VARYING = "unnamed_dependence"  # of a parameter
 ONE_PLACE = "unnamed_force_near_one_place"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
+BY_RATE, BUILDS_UP = "unnamed_reading_by_rate", "unnamed_reading_that_builds_up"
 UNNAMED = (
     CURVE,
     SURFACE,
@@ -63,6 +64,8 @@ UNNAMED = (
     WORKED_BY_SQUARE,
     TWO_SPEEDS,
     LOOP,
+    BY_RATE,
+    BUILDS_UP,
     ONE_PLACE,
 )
 TITLES = {
@@ -84,6 +87,8 @@ TITLES = {
     WORKED_BY_SQUARE: "a gain that depends on what went before",
     TWO_SPEEDS: "a lag that is slower one way",
     LOOP: "a reading that depends on where it last turned",
+    BY_RATE: "a reading that is off by how fast it moves",
+    BUILDS_UP: "a reading in which errors build up",
     ONE_PLACE: "a force near one place",
 }
 SENTENCES = {
@@ -116,6 +121,9 @@ SENTENCES = {
     "than it empties.",
     LOOP: "What is read depends on where it last turned, however slowly it goes, as of a core that stays "
     "magnetised.",
+    BY_RATE: "What is read is off as long as it moves, by how fast it does.",
+    BUILDS_UP: "What is read misses, or gains, something at some speeds and keeps that, as what counts turns "
+    "or adds up a flow does.",
     INVERSE: "What acts here falls off as a power of this signal, as what acts over a distance does. Nearer "
     "to zero than this recording came it is taken to stay as it is there.",
 }
@@ -353,6 +361,23 @@ def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[P
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):
             yield Port("state", i), argument, "{port}/({arg})"
+
+
+def odd_if_coupled(placed: PlacedEffect, structure: Structure) -> PlacedEffect:
+    """Return a law as odd where it brings a state into an equation that has nothing of it yet.
+
+    Equations that are known say what goes into which; where a law fits in two of them about as well, it is
+    that which has its signals already. What an equation moves is at home in it.
+    """
+    if placed.port.kind != "state":
+        return placed
+    i = placed.port.index
+    has = structure.states[i].copy()
+    has[[i, structure.partner[i]] if structure.partner[i] >= 0 else [i]] = True
+    needs = np.array(placed.weights) != 0
+    if placed.second:
+        needs = needs | (np.array(placed.second)[-has.size :] != 0)
+    return replace(placed, odd=bool(np.any(needs & ~has)))
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):

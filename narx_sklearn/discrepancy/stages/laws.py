@@ -1,12 +1,16 @@
-"""Laws without a name: which product, storage that changes, force near one place or memory tells most."""
+"""Laws without a name: which product, storage, force near one place, memory or reading tells most."""
+
+from itertools import chain
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import make_bank
+from narx_sklearn.discrepancy.search.by_rate import placed_by_rate
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import refit_leaders
-from narx_sklearn.discrepancy.search.generic import product_hypotheses
+from narx_sklearn.discrepancy.search.generic import odd_if_coupled, product_hypotheses
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.memories import MEMORIES
 from narx_sklearn.discrepancy.search.one_place import place_hypotheses
@@ -21,7 +25,7 @@ TRIED = 3  # laws of which the tangents tell most, that are fitted
 def best_laws(
     problem: Problem, refitted: Fit, beside: Fit, structure: Structure, n_jobs: int | None = None
 ) -> list[Candidate]:
-    """Return the best law of each kind; none of a kind of which nothing moves.
+    """Return the best law of each kind, and its best at each other port; none of a kind that nothing moves.
 
     They are fitted from the refit, and from the parameters that go with what stands ``beside`` it. Those with
     a memory are all fitted at first: how well the tangents tell one depends on how near to it they begin.
@@ -35,20 +39,36 @@ def best_laws(
     )
     memories = enumerate_hypotheses(MEMORIES, problem, run, structure, n_jobs=n_jobs)
     tried = [(hypotheses, TRIED) for hypotheses in kinds] + [(memories, len(memories))]
-    found = [_best(problem, refitted, beside, hypotheses, n, n_jobs) for hypotheses, n in tried if hypotheses]
-    return [law for law in found if law is not None]
+    each = [_leading(problem, refitted, structure, some, n, n_jobs) for some, n in tried if some]
+    each.append(placed_by_rate(simulator, run.y, problem.windows))
+    found = (_best(problem, refitted, beside, placed, n_jobs) for placed in each if placed)
+    return list(chain.from_iterable(found))
 
 
-def _best(
+def at_other_ports(found: list[Candidate]) -> list[Candidate]:
+    """Return the first of some fitted laws at each port but that of the first of all."""
+    if not found:
+        return []
+    first = {law.effects[-1].port: law for law in reversed(found)}
+    return [law for port, law in first.items() if port != found[0].effects[-1].port]
+
+
+def _leading(
     problem: Problem,
     refitted: Fit,
-    beside: Fit,
+    structure: Structure,
     hypotheses: list[Hypothesis],
     tried: int,
     n_jobs: int | None,
-) -> Candidate | None:
-    """Return the best law, fitted, of those of which the tangents tell most."""
+) -> list[PlacedEffect]:
+    """Return those of which the tangents tell most."""
     bank = make_bank(problem, refitted, hypotheses, n_jobs)
-    placed = leaders(bank, tried, NONE_SILENT, 1.0)
+    return [odd_if_coupled(law, structure) for law in leaders(bank, tried, NONE_SILENT, 1.0)]
+
+
+def _best(
+    problem: Problem, refitted: Fit, beside: Fit, placed: list[PlacedEffect], n_jobs: int | None
+) -> list[Candidate]:
+    """Return the best law, fitted, and the best at other ports."""
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
-    return counted_from_zero(problem, found[0]) if found else None
+    return [counted_from_zero(problem, law) for law in found[:1]] + at_other_ports(found)

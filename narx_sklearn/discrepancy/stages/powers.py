@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.search.generic import (
     INVERSES,
     ODD_POWER,
     POWERS,
+    odd_if_coupled,
     placed_powers,
     with_free_power,
 )
@@ -64,7 +65,8 @@ def best_power(
 
     It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
     """
-    placed = placed_powers(problem.simulator, structure, _where_it_was(problem, refitted))
+    powers = placed_powers(problem.simulator, structure, _where_it_was(problem, refitted))
+    placed = [odd_if_coupled(power, structure) for power in powers]
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
     return found[0] if found and _is_new(found[0].effects[-1], known) else None
 

@@ -8,13 +8,15 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
     TERMS,
     curve_hypotheses,
     held_beyond,
     line_hypotheses,
+    odd_if_coupled,
     pulse_hypotheses,
     without_terms,
 )
@@ -22,8 +24,9 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.coloured_search import converged
 from narx_sklearn.discrepancy.stages.knots import drawn_again
-from narx_sklearn.discrepancy.stages.laws import best_laws
+from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 
@@ -57,13 +60,33 @@ def best_unnamed(
     if during != ALWAYS:
         curves += line_hypotheses(problem.simulator, structure)
         placed += [c.placed.acting(during) for c in curves]
+    placed = [odd_if_coupled(law, structure) for law in placed]
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
     curve = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]]
-    laws = curve + best_laws(problem, refitted, beside, structure, settings.n_jobs)
+    laws = curve + at_other_ports(found) + best_laws(problem, refitted, beside, structure, settings.n_jobs)
     laws += [power] if power is not None else []
-    return min(laws, key=lambda c: c.criterion, default=None)
+    return _likeliest(problem, laws, settings.n_jobs)
+
+
+def _likeliest(problem: Problem, laws: list[Candidate], n_jobs: int | None) -> Candidate | None:
+    """Return the likeliest of laws, with the other ports at which one is hardly less likely; None of none.
+
+    Noise was estimated beside something else, of which it holds what that left: a sensor's error, say, that
+    only looks like a drift. A law that is clearly likelier under the noise that it leaves itself goes first.
+    """
+    if not laws:
+        return None
+    own = np.array([deviance(problem, law.fit.model) + law.price for law in laws])
+    shared = np.array([law.criterion for law in laws])
+    at = int(np.argmin(shared))
+    if own.min() < own[at] - CLEARER:
+        at = int(np.argmin(own))
+    as_likely = (shared <= shared[at] + HARDLY) & (own <= own[at] + CLEARER)
+    places = [laws[k].effects[-1] for k in np.argsort(shared) if as_likely[k]]
+    best = laws[at] if at == np.argmin(shared) else converged(problem, laws[at], n_jobs)
+    return replace(best, elsewhere=tuple(law for law in places if law.port != best.effects[-1].port))
 
 
 def simplified(problem: Problem, candidate: Candidate) -> Candidate:
