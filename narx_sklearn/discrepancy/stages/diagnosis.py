@@ -344,6 +344,7 @@ def _unless_noise(
         told = told_law(problem, nothing, law, structure, settings)
         if told.is_most:
             return searched, _judged_as(told), remainder.p_value
+        law = told.laws if told.stands else None
     shapeless = Judgement("unknown", nothing, (), law, against_noise=against_noise)
     return searched, shapeless, remainder.p_value
 
@@ -360,29 +361,30 @@ def _unless_unforeseen(
     What a twin gets wrong of its simulator looks like that, and is no alarm.
     """
     problem, refitted, _ = searched
-    told = None
-    if found is not None:
-        if found.best.effects and may_be_drift(problem.noise, found.best, found.alternatives):
-            return found, p_missing
-        told = found.unnamed if _is_told_by_a_law(found) else found.best
+    if found is not None and _may_be_drift(problem, found):
+        return found, p_missing
     settings.tell("does anything act that follows no signal?")
     seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)
     level = settings.alpha_nameless
     if seen is None or seen.p_value > level:
         return found, p_missing
     base = Candidate(refitted, problem.n_seen)
+    by_law, told = found, None
+    if found is not None:
+        by_law = _by_its_law(found, base, searched, structure, settings)
+        told = by_law.unnamed if _is_told_by_a_law(by_law) else by_law.best
     if told is None or not told.effects:
         if found is None and isinstance(problem.simulator, TwinSimulator):
             return found, p_missing
         p_missing = min(p_missing, seen.p_value)
     elif leave_little(problem, seen, base, told):
-        return found, p_missing
+        return by_law, p_missing
     else:
         leading = which_leads(problem, seen, base, told, structure, level, settings.n_jobs)
-        left = () if found is None else found.against_noise
+        left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None or (leading[0] is told and follows):
-            return found, p_missing
+            return by_law, p_missing
         base, seen = leading
     beside, seen = fitted_beside(problem, base.fit, seen)
     best = Candidate(beside, problem.n_seen)
@@ -394,6 +396,22 @@ def _judged_as(told: ToldLaw) -> Judgement:
     """Return what is said where a law without a name says most."""
     of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(told.laws.effects)
     return Judgement("unknown", told.laws, of_each, told.laws, against_noise=told.against_noise)
+
+
+def _may_be_drift(problem: Problem, found: Judgement) -> bool:
+    """Tell whether all that is named is slow, and on outputs."""
+    return bool(found.best.effects) and may_be_drift(problem.noise, found.best, found.alternatives)
+
+
+def _by_its_law(
+    found: Judgement, base: Candidate, searched: Searched, structure: Structure, settings: Settings
+) -> Judgement:
+    """Return what a law says where nothing else is said, though it may leave most of what is missing."""
+    law = found.unnamed
+    if law is None or found.best.effects or found.verdict != "unknown":
+        return found
+    told = ToldLaw(law, left_by_law(searched.problem, base, law, structure, settings))
+    return _judged_as(told) if told.stands else found
 
 
 def _is_told_by_a_law(found: Judgement) -> bool:

@@ -64,6 +64,11 @@ class ToldLaw(NamedTuple):
     left: LeftByLaw
 
     @property
+    def stands(self) -> bool:
+        """Whether it is no noise, though what it leaves may be none either."""
+        return bool(self.left.signs) or self.left.is_little
+
+    @property
     def is_most(self) -> bool:
         """Whether it is most of what is missing."""
         return self.left.share < MOSTLY
