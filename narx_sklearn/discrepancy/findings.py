@@ -57,6 +57,8 @@ def make_findings(
         found.append(_shapeless(diagnosis, simulator, where_it_follows(diagnosis) or location.likeliest))
     if not best.effects:
         return found
+    if (port := where_names_stand_in(diagnosis)) is not None:
+        found.append(_beside_names(diagnosis, simulator, port))
     sure = diagnosis.intervals(level)
     share = 1 - best.fit.cost / base.cost
     added = list(_added(diagnosis))
@@ -221,6 +223,28 @@ def where_it_follows(diagnosis: Diagnosis) -> Port | None:
     return max(placed, key=lambda sign: sign.gain).port if placed else None
 
 
+def where_names_stand_in(diagnosis: Diagnosis) -> Port | None:
+    """Return the port of a law for which names stand in, where what they leave says another than theirs.
+
+    That is what follows a signal where the names act: name and rest come together in one equation, and are
+    one law, at the port of what it follows. None where they leave no such thing.
+    """
+    effects = diagnosis.best.effects
+    port = where_it_follows(diagnosis)
+    if port is None or diagnosis.unforeseen is not None or any(map(is_unnamed, effects)):
+        return None
+    theirs = {effect.port for effect in effects}
+    together = any(diagnosis.structure.share_equation(port, own) for own in theirs)
+    return port if together and port not in theirs else None
+
+
+def _beside_names(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:
+    """Return the finding of what names that do not stand leave where they act."""
+    found = _shapeless(diagnosis, simulator, port)
+    against = " ".join(sign.words for sign in diagnosis.against_noise)
+    return replace(found, sentence=f"What the names below leave is no noise. {against}", stands=False)
+
+
 def _shapeless(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Finding:
     """Return the finding of what has neither name nor curve, but is no noise."""
     against = diagnosis.against_noise
@@ -273,7 +297,7 @@ def _without_form(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Fin
 
 
 def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str, ...]:
-    """Return the other places, in words, where the same effect fits hardly worse beside the others."""
+    """Return the other places, in words, where the same effect, or such a law, fits hardly worse."""
     best = diagnosis.best
     effect = best.effects[i]
     words = [
@@ -281,6 +305,8 @@ def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str,
         for candidate, other in _in_its_place(best, i, pool_of(diagnosis.steps))
         if other.effect is effect.effect and candidate.criterion <= best.criterion + HARDLY
     ]
+    if effect is best.effects[-1]:
+        words += [place_in_words(law, simulator) for law in best.elsewhere]
     here = place_in_words(effect, simulator)
     return tuple(dict.fromkeys(word for word in words if word != here))
 

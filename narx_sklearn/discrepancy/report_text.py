@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.findings import parameter_names
+from narx_sklearn.discrepancy.findings import parameter_names, where_names_stand_in
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.locate.invariances import NOT_TOLD
 from narx_sklearn.discrepancy.narrow import what_lies_at_bounds
@@ -149,7 +149,8 @@ def what_is_left(dx) -> str:
             f"{rounded(left.deviations)} times the noise (root mean square): their form is idealised, or "
             "they stand in for a law near to theirs. The parameters' intervals hold either way."
         )
-    if against := dx.conclusion_.diagnosis.against_noise:
+    against = dx.conclusion_.diagnosis.against_noise
+    if against and where_names_stand_in(dx.conclusion_.diagnosis) is None:  # else that is a finding
         words += ["What these leave is no noise.", *(sign.words for sign in against)]
     if (left_there := dx.conclusion_.left_there) > STANDS_IN:
         words.append(

@@ -22,6 +22,23 @@ class Followed(NamedTuple):
 
     words: str  # "position [m]", "the direction of drive [V] 4 samples before"
     values: np.ndarray  # (n_samples,)
+    of: tuple[int, ...]  # places of the signals it is made of: inputs first, then states
+
+    def is_at_home(self, port: Port, structure: Structure) -> bool:
+        """Tell whether it is told at a port, where that does the same as another.
+
+        What is added to an input that enters one equation alone is what is added there. It is told at the
+        input if it follows that input, and else in the equation.
+        """
+        n_inputs = structure.inputs.shape[1]
+        entered = structure.inputs.sum(axis=0) + structure.read[:, :n_inputs].sum(axis=0)
+        the_same = (entered == 1) & ~structure.varies.any(axis=0)
+        if port.kind == "input":
+            return not the_same[port.index] or self.of == (port.index,)
+        is_of_an_input = len(self.of) == 1 and self.of[0] < n_inputs
+        if port.kind == "output" or not is_of_an_input:
+            return True
+        return not (the_same[self.of[0]] and structure.inputs[port.index, self.of[0]])
 
 
 def followed(
@@ -48,13 +65,13 @@ def followed(
     for place, name, values, (low, high), late in _signals(problem, run, past):
         turns = np.pi * (np.clip(values, low, high) - low) / (high - low)
         for m in range(1, n_shapes + 1):
-            found += _lagged(name, np.cos(m * turns), shapes_before, late, age)
-        found += _lagged(name, values, BEFORE[1:], late, age)
+            found += _lagged(name, np.cos(m * turns), shapes_before, late, age, (place,))
+        found += _lagged(name, values, BEFORE[1:], late, age, (place,))
         if place not in rated:
             change = np.where(age > 0, np.diff(values, prepend=np.nan), np.nan)
-            found += _lagged(f"the rate of {name}", change, BEFORE, late, age)
-            found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late, age)
-            found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late, age)
+            found += _lagged(f"the rate of {name}", change, BEFORE, late, age, (place,))
+            found += _lagged(f"how fast {name} moves", np.abs(change), BEFORE, late, age, (place,))
+            found += _lagged(f"the direction of {name}", np.sign(change), BEFORE, late, age, (place,))
     return found
 
 
@@ -79,7 +96,7 @@ def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Foll
             ("", " squared", a * b * b),
         ):
             words = f"{one.name}{squared} times {other.name}{also}"
-            found += _lagged(words, values, BEFORE[:1], late, age)
+            found += _lagged(words, values, BEFORE[:1], late, age, (one.place, other.place))
     return found
 
 
@@ -110,7 +127,9 @@ def _age(problem: Problem) -> np.ndarray:
     return index - np.maximum.accumulate(began)
 
 
-def _lagged(words: str, values: np.ndarray, before, late: int, age: np.ndarray) -> Iterator[Followed]:
+def _lagged(
+    words: str, values: np.ndarray, before, late: int, age: np.ndarray, of: tuple[int, ...]
+) -> Iterator[Followed]:
     """Yield values as they were some samples before; what is not known of the session is the mean, zero."""
     if not np.isfinite(values).any():
         return
@@ -120,7 +139,7 @@ def _lagged(words: str, values: np.ndarray, before, late: int, age: np.ndarray) 
     for lag in sorted({max(lag, late) for lag in before if lag < centred.size}):
         shifted = np.where(age >= lag, np.roll(centred, lag), 0.0)
         ago = f" {lag} sample{'s' * (lag > 1)} before" * (lag > 0)
-        yield Followed(words + ago, shifted / size if size > 0 else shifted)
+        yield Followed(words + ago, shifted / size if size > 0 else shifted, of)
 
 
 def response(problem: Problem, linear: Tangent, port: Port, forces: np.ndarray) -> np.ndarray:

@@ -169,6 +169,7 @@ def _follows(
         where = port_in_words(port, simulator)
         candidates = followed(problem, run, structure, SHAPES, past=int(at_output))
         candidates += followed_together(problem, run, past=int(at_output))
+        candidates = [c for c in candidates if c.is_at_home(port, structure)]
         for begin in range(0, len(candidates), CHUNK):
             chunk = candidates[begin : begin + CHUNK]
             answers = response(problem, linear, port, np.column_stack([c.values for c in chunk]))
