@@ -8,7 +8,7 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged
 from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.generic import (
@@ -24,7 +24,6 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.coloured_search import converged
 from narx_sklearn.discrepancy.stages.knots import drawn_again
 from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
