@@ -220,6 +220,6 @@ def test_an_input_in_long_steps_floods_nobody_with_warnings_of_trials():
         y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1] + 0.001 * rng.normal()
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        search = NARXRegressorCV(cv=3).fit(u[:, None], y)
+        search = NARXRegressorCV([1, 2], [2, 3], degree=[1, 2], cv=3).fit(u[:, None], y)
     assert len(told) <= 1
     assert search.best_score_ > 0.9
