@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 import narx_sklearn
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
@@ -28,7 +29,7 @@ from narx_sklearn.cli._diagnose import check_trace
 from narx_sklearn.cli._files import replaced, write_text
 from narx_sklearn.cli._parser import make_parser
 from narx_sklearn.cli._simulators import load_simulator
-from narx_sklearn.compensation import RootCompensator
+from narx_sklearn.compensation import RootCompensator, law_stability, root_law
 from narx_sklearn.model import Difference, NARXModel, free_run
 from narx_sklearn.signals import prfs
 
@@ -550,6 +551,27 @@ def test_identify_with_hysteresis_gives_a_model_that_rests_where_its_input_stops
     assert continuum_of_steady_states(model).exists
     assert {"drive"} <= {s for p in model.phi for s in p.signals}
     assert free_run(model, u, y_init=y).y[:, 0] == pytest.approx(y, abs=0.03 * np.ptp(y))
+
+
+def test_identify_with_hysteresis_chooses_lags_whose_law_can_be_followed(tmp_path, monkeypatch, capsys):
+    rng = np.random.default_rng(0)
+    u = prfs(2500, 1.0, 0.01, amplitudes=5.0, random_state=1)
+    half_widths = np.array([0.5, 1.0, 2.0, 4.0])
+    plays, force = np.full(4, u[0]), np.zeros(u.size)
+    for k in range(u.size):
+        plays = np.clip(plays, u[k] - half_widths, u[k] + half_widths)
+        force[k] = u[k] + plays.sum()
+    y = lfilter([0.0, 0.3], [1.0, -0.7], force) + 0.02 * rng.normal(size=u.size)
+    feed(monkeypatch, pd.DataFrame({"drive [V]": u, "position [um]": y}).to_csv(index=False))
+    saved = tmp_path / "stage.json"
+    asked = ["--u=drive", "--y=position", "--structure=rate_independent", "--quiet", "--save", str(saved)]
+    assert main(["identify", "-", *asked]) == 0
+    model = NARXModel.load(saved)
+    reference = 8.0 * np.sin(2 * np.pi * np.arange(1000) / 500)
+    assert law_stability(root_law(model), reference).is_stable
+    given = RootCompensator(model).fit().predict(reference)
+    followed = free_run(model, given[:, None], np.zeros((model.max_lag, 1))).y[:, 0]
+    assert np.std((followed - reference)[10:]) < 0.05 * np.std(reference)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")

@@ -22,6 +22,7 @@ from narx_sklearn.compensation import (
     RootCompensator,
     UnreachableWarning,
     inverse,
+    law_stability,
     run_plant,
     smooth_output,
     smooth_signs,
@@ -134,6 +135,21 @@ def test_the_range_and_the_score_are_those_of_the_input_that_compensates():
 def test_of_defaults_that_all_fail_the_last_one_says_why():
     with pytest.raises(ValueError, match="does not depend on the input 'u'"):
         RootCompensator().fit(np.zeros((200, 1)), np.sin(np.arange(200)))
+
+
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+def test_of_several_estimators_the_one_whose_law_serves_is_taken(order):
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(800, 1))
+    y = np.zeros(800)
+    for k in range(2, 800):  # its exact law is m[k] = -2 m[k-1] + ..., which grows beyond all bounds
+        y[k] = 0.5 * y[k - 1] + u[k - 1, 0] + 2.0 * u[k - 2, 0]
+    asked = [NARXRegressor(1, 2, degree=1), NARXRegressor(1, 1, degree=1)][order]
+    compensator = RootCompensator(asked).fit(u, y)
+    assert compensator.regressor_.input_lags == 1
+    assert compensator.model_ is compensator.regressor_.model_
+    assert law_stability(compensator.law_, y[:100]).is_stable
+    assert clone(compensator).model[0].get_params() == asked[0].get_params()
 
 
 def test_a_fitted_estimator_without_a_record_is_told_to_hand_over_its_model():

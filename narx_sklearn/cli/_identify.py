@@ -12,7 +12,8 @@ from narx_sklearn.cli._columns import Recording, last_part, read_recordings, wit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import c_prefix, say, tell_notes, write_json
-from narx_sklearn.compensation import model_c_source
+from narx_sklearn.compensation import RootCompensator, model_c_source
+from narx_sklearn.compensation._defaults import RESTING_LAGS
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one_step
@@ -69,7 +70,7 @@ def run(options) -> None:
 
 
 def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor:
-    """Return a regressor fitted to the chosen samples, its lags as asked or cross-validated."""
+    """Return a regressor fitted to the chosen samples, of lags as asked or chosen here."""
     X, sessions = recording.u[chosen], recording.sessions[chosen]
     outputs = recording.y[chosen]
     y = outputs.iloc[:, 0] if outputs.shape[1] == 1 else outputs
@@ -79,6 +80,9 @@ def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor
     if options.structure in RESTING:
         common |= _resting(X)
         usual = (2, 2, 3)  # of less than third degree a loop has no curved branches
+        if asked[:2] == (None, None) and X.shape[1] == outputs.shape[1] == 1:
+            common |= {"delay": options.delay, "n_terms": options.terms, "degree": options.degree or usual[2]}
+            return _with_law(X, y, sessions, common)
     elif all(value is None for value in asked) and options.terms is None:
         search = NARXRegressorCV(
             delay=(options.delay,), cv=_folds(sessions), rule="one_standard_error", **common
@@ -90,6 +94,18 @@ def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor
         n_terms=options.terms, **common,
     )  # fmt: skip
     return narx.fit(X, y, sessions=sessions)
+
+
+def _with_law(X: pd.DataFrame, y: pd.Series, sessions, common: dict) -> NARXRegressor:
+    """Return the regressor that predicts best of those whose model gives a law that can be followed.
+
+    Models that rest anywhere are there to be compensated, and the lags decide whether that can be done.
+    """
+    regressors = [NARXRegressor(*lags, phi_lags=lags[1], **common) for lags in RESTING_LAGS]
+    try:
+        return RootCompensator(regressors).fit(X, y, sessions=sessions).regressor_
+    except ValueError:  # none of them has a law
+        return regressors[-1].fit(X, y, sessions=sessions)
 
 
 def _resting(X: pd.DataFrame) -> dict:

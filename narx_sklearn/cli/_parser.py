@@ -32,7 +32,8 @@ IDENTIFY = f"""\
 Identify a NARX model, and judge it by its free run on the last part of the record.
 
 {RECORD_HELP}
-Without lags and degree they are chosen by cross-validation of the free run.
+Without lags and degree they are chosen by cross-validation of the free run; with a --structure that can rest
+anywhere, by the free run of those models whose law `compensate` can follow.
 
 examples:
   narx-sklearn identify bench.csv --save model.json

@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from numbers import Real
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -132,21 +133,29 @@ class Compensator(BaseEstimator):
     def _identify_law(self, X, y, sessions) -> CompensationLaw:
         if isinstance(self.model, NARXModel):
             self.model_ = self.model
-        elif self.model is None and X is not None and y is not None:
-            self.model_ = self._best_default(X, y, sessions)
+        elif isinstance(self.model, NoneType | list | tuple) and X is not None and y is not None:
+            self.model_ = self._best_identified(X, y, sessions)
         else:
-            regressor = fitted_regressor(self.model, X, y, sessions)
-            self.model_ = self._model_of(regressor, X, y, sessions)
+            self.regressor_ = fitted_regressor(self.model, X, y, sessions)
+            self.model_ = self._model_of(self.regressor_, X, y, sessions)
         return self._derive(self.model_)
 
-    def _best_default(self, X, y, sessions) -> NARXModel:
-        """Identify machines of several kinds; of those whose law serves return what predicts best."""
-        judge = self._judge(X, y, sessions)
-        return best_of(
-            self._default_regressors(X, y, getattr(self, "input_name", None)),
-            lambda regressor: self._model_of(fitted_regressor(regressor, X, y, sessions), X, y, sessions),
-            lambda model: judge(model, self._derive(model)),
-        )
+    def _best_identified(self, X, y, sessions) -> NARXModel:
+        """Identify the machine in several ways; of models whose law serves return what predicts best."""
+        asked = self.model
+        if asked is None:
+            asked = self._default_regressors(X, y, getattr(self, "input_name", None))
+        judge, fitted = self._judge(X, y, sessions), {}
+
+        def identify(regressor) -> NARXModel:
+            found = fitted_regressor(regressor, X, y, sessions)
+            model = self._model_of(found, X, y, sessions)
+            fitted[id(model)] = found
+            return model
+
+        best = best_of(asked, identify, lambda model: judge(model, self._derive(model)))
+        self.regressor_ = fitted[id(best)]
+        return best
 
     def _judge(self, X, y, sessions):
         """Return what judges a model and its law on a record: smaller is better."""

@@ -11,6 +11,7 @@ from narx_sklearn.identification.narx import NARXRegressor
 from narx_sklearn.model.phi import Difference, DifferenceSign
 
 DEGREE = 3  # as in the thesis, section 5.2
+RESTING_LAGS = ((1, 1), (2, 1), (2, 2))  # of output and input
 ORDINARY: dict[str, Any] = {"degree": DEGREE, "max_terms": None}  # nobody set a limit that could be told
 
 
@@ -21,7 +22,7 @@ def direct_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     """
     resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
     return [
-        *(NARXRegressor(*lags, phi_lags=lags[1], **resting) for lags in ((1, 1), (2, 1), (2, 2))),
+        *(NARXRegressor(*lags, phi_lags=lags[1], **resting) for lags in RESTING_LAGS),
         *(NARXRegressor(2, lags, **ORDINARY) for lags in (1, 2)),
     ]
 

@@ -28,10 +28,10 @@ class IsolatedCompensator(Compensator):
 
     Parameters
     ----------
-    model : NARXModel, estimator or None, default=None
-        A model that is known; or an estimator with ``model_`` after fit, with ``structure="isolable"``. None
-        identifies several of third degree, with hysteresis and without, and takes one as `RootCompensator`
-        does.
+    model : NARXModel, estimator, list of estimators or None, default=None
+        A model that is known; or an estimator with ``model_`` after fit, with ``structure="isolable"``, or
+        several. None identifies some of third degree, with hysteresis and without. Of several one is taken as
+        `RootCompensator` does.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
         beyond which nothing is known: that of the record, or the one that the model given keeps
@@ -49,6 +49,8 @@ class IsolatedCompensator(Compensator):
     ----------
     model_ : NARXModel
         The model.
+    regressor_ : estimator
+        That it was identified with, fitted; there is none where the model was given.
     law_ : CompensationLaw
         The law (4.23); ``law_.horizon`` is the delay of the model. Its input is ``m``, its reference
         ``r``; a signal of the model's that is called so, and is neither, gets an underscore.

@@ -18,10 +18,11 @@ class RootCompensator(Compensator):
 
     Parameters
     ----------
-    model : NARXModel, estimator or None, default=None
+    model : NARXModel, estimator, list of estimators or None, default=None
         A model that is known; or an estimator with ``model_`` after fit, such as `NARXRegressor`, that
-        identifies it. None identifies models of third degree, some that can rest anywhere and some without
-        hysteresis, and takes the one with the best free run of those whose law gives the recorded input back.
+        identifies it. Of several the one counts that has the best free run of those whose law gives the
+        recorded input back. None identifies models of third degree, some that can rest anywhere and some
+        without hysteresis, and chooses among them in that way.
     limits : (float, float) or None, default=None
         Least and largest input the machine takes, in its unit. None takes the range of the recorded input,
         beyond which nothing is known: that of the record, or the one that the model given keeps
@@ -49,6 +50,8 @@ class RootCompensator(Compensator):
     ----------
     model_ : NARXModel
         The model.
+    regressor_ : estimator
+        That it was identified with, fitted; there is none where the model was given.
     law_ : CompensationLaw
         The law; ``law_.horizon`` is how many samples ahead it reads the reference. Its input is ``m``, its
         reference ``r``; a signal of the model's that is called so, and is neither, gets an underscore.
