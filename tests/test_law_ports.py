@@ -8,6 +8,7 @@ import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.findings import where_names_stand_in
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER
@@ -116,14 +117,25 @@ class Law:
         return (PlacedEffect(CATALOGUE["constant_load"], self.port),)
 
 
-@pytest.mark.parametrize(("clearer", "leads"), [(CLEARER - 0.1, "state:1"), (CLEARER + 0.1, "output:0")])
-def test_a_law_that_is_clearly_likelier_under_its_own_noise_goes_first(monkeypatch, clearer, leads):
+WHITE = SimpleNamespace(noise=Noise.white(np.ones(1)))
+COLOURED = SimpleNamespace(noise=WHITE.noise.with_colour(0, np.array([0.9]), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("problem", "clearer", "leads"),
+    [
+        (COLOURED, CLEARER - 0.1, "state:1"),
+        (COLOURED, CLEARER + 0.1, "output:0"),
+        (WHITE, CLEARER + 0.1, "state:1"),  # which holds nothing that another law left
+    ],
+)
+def test_a_law_that_is_clearly_likelier_under_its_own_noise_goes_first(monkeypatch, problem, clearer, leads):
     monkeypatch.setattr(unnamed, "deviance", lambda problem, law: law.own)
     monkeypatch.setattr(unnamed, "converged", lambda problem, law, n_jobs: law)
     motion, sensor = Law(Port("state", 1), 0.0, 500.0), Law(Port("output", 0), 50.0, 500.0 - clearer)
     for laws in ([motion, sensor], [sensor, motion]):
-        assert str(unnamed._likeliest(None, laws, None).port) == leads
-    assert unnamed._likeliest(None, [], None) is None
+        assert str(unnamed._likeliest(problem, laws, None).port) == leads
+    assert unnamed._likeliest(problem, [], None) is None
 
 
 def test_the_ports_are_told_at_which_a_law_is_hardly_less_likely(monkeypatch):
@@ -136,7 +148,7 @@ def test_the_ports_are_told_at_which_a_law_is_hardly_less_likely(monkeypatch):
         Law(Port("output", 0), 1.0, CLEARER + 0.1),  # clearly less likely under its own noise
         Law(Port("output", 1), 0.5, CLEARER - 0.1),
     ]
-    found = unnamed._likeliest(None, [*others, best], None)
+    found = unnamed._likeliest(COLOURED, [*others, best], None)
     assert [str(law.port) for law in found.elsewhere] == ["output:1", "input:0"]
 
 

@@ -82,7 +82,7 @@ def identify(recording: Recording, chosen: np.ndarray, options) -> NARXRegressor
         usual = (2, 2, 3)  # of less than third degree a loop has no curved branches
         if asked[:2] == (None, None) and X.shape[1] == outputs.shape[1] == 1:
             common |= {"delay": options.delay, "n_terms": options.terms, "degree": options.degree or usual[2]}
-            return _with_law(X, y, sessions, common)
+            return _with_law(X, outputs.iloc[:, 0], sessions, common)
     elif all(value is None for value in asked) and options.terms is None:
         search = NARXRegressorCV(
             delay=(options.delay,), cv=_folds(sessions), rule="one_standard_error", **common

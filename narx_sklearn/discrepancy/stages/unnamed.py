@@ -72,15 +72,16 @@ def best_unnamed(
 def _likeliest(problem: Problem, laws: list[Candidate], n_jobs: int | None) -> Candidate | None:
     """Return the likeliest of laws, with the other ports at which one is hardly less likely; None of none.
 
-    Noise was estimated beside something else, of which it holds what that left: a sensor's error, say, that
-    only looks like a drift. A law that is clearly likelier under the noise that it leaves itself goes first.
+    Noise was estimated beside something else, of which its colour may hold what that left: a sensor's error,
+    say, that only looks like a drift. A law that is clearly likelier under the noise that it leaves itself
+    then goes first. White noise holds nothing of the kind, and colour would excuse what a law leaves.
     """
     if not laws:
         return None
     own = np.array([deviance(problem, law.fit.model) + law.price for law in laws])
     shared = np.array([law.criterion for law in laws])
     at = int(np.argmin(shared))
-    if own.min() < own[at] - CLEARER:
+    if problem.noise.n_parameters and own.min() < own[at] - CLEARER:
         at = int(np.argmin(own))
     as_likely = (shared <= shared[at] + HARDLY) & (own <= own[at] + CLEARER)
     places = [laws[k].effects[-1] for k in np.argsort(shared) if as_likely[k]]
