@@ -33,9 +33,11 @@ def read_columns(data, signals: Sequence, name: str, role: str) -> np.ndarray:
     values = as_signals(data, name)
     wanted = [str(signal) for signal in signals]
     if values.shape[1] != len(wanted):
+        more = role == "output" and values.shape[1] > len(wanted)
+        told = " What else was measured is told to the simulator: outputs=[...]." if more else ""
         raise ValueError(
             f"{name} has {values.shape[1]} columns, the simulator has {len(wanted)} {role}s: {wanted}. Pass "
-            "one column for each, in this order, or a DataFrame with columns of these names."
+            f"one column for each, in this order, or a DataFrame with columns of these names.{told}"
         )
     _unlike(data, signals, name, role)
     return values
