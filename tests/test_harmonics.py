@@ -99,6 +99,13 @@ class TestWithOneCourse:
         formed = [c for c in pool if len(c.effects[0].theta) == 7]
         assert {c.effects[0].port.kind for c in formed} == {"output", "state"}
 
+    def test_what_is_larger_than_the_first_is_no_harmonic_of_it(self):
+        def off(t):
+            return 0.05 * np.sin(W * t) + 0.1 * np.sin(3 * W * t)
+
+        problem, nothing, one = fitted(off, (sine(0.05, W, 0.0),))
+        assert with_one_course(problem, one, [one], nothing, ALPHA) is one
+
     @pytest.mark.parametrize("seed", range(4))
     def test_a_sine_stays_one(self, seed):
         problem, nothing, one = fitted(lambda t: 0.1 * np.sin(W * t), (sine(0.1, W, 0.0),), seed=seed)

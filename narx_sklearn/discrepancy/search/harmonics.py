@@ -102,8 +102,8 @@ def with_one_course(
 ) -> Candidate:
     """Return a set with one periodic disturbance for the sines that are its harmonics, if it is as likely.
 
-    A sine alone gets harmonics that noise would not give it. What is returned joins the ``pool``, and so does
-    the same where it may act as well.
+    A sine alone gets harmonics that noise would not give it, none larger than itself. What is returned joins
+    the ``pool``, and so does the same where it may act as well.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def with_one_course(
             gained = deviance(problem, best.fit.model) - deviance(problem, found.fit.model)
             n_more = found.n_values - best.n_values
             is_one = _is_better(found, best) and chance_of_noise(gained, MOST - 1, 1, n_more) <= alpha
-        if not is_one:
+        if not is_one or _is_outdone(found, sine):
             continue
         course_of = next(e for e in found.effects if e.place == sine.place)
         elsewhere = [
@@ -160,6 +160,12 @@ def _courses(problem: Problem, best: Candidate) -> Iterator[tuple[PlacedEffect, 
         )
 
 
+def _is_outdone(candidate: Candidate, sine: PlacedEffect) -> bool:
+    """Tell whether a harmonic is larger than the first: of such a series anything is made that wanders."""
+    theta = next(e.theta for e in candidate.effects if e.place == sine.place)
+    return bool(np.max(np.hypot(theta[3::2], theta[4::2]), initial=0.0) > 1.0)
+
+
 def _is_better(more: Candidate, fewer: Candidate) -> bool:
     """Tell whether further harmonics pay for themselves, those too that the data hardly feel."""
     return more.criterion + unpaid(more, fewer) < fewer.criterion
@@ -188,7 +194,7 @@ def _fitted(
         course_of = next(e for e in leading.effects if e.place == begun.place)
         more = with_harmonics(course_of, n, course_of.theta[3:])
         leading = _converged(problem, leading, kept, more, n_jobs)
-        if _is_better(leading, found):
+        if _is_better(leading, found) and not _is_outdone(leading, begun):
             found, last = leading, n
         elif n - last >= IN_VAIN:
             break
