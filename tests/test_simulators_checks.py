@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
@@ -273,6 +274,12 @@ def test_data_that_do_not_fit_are_refused():
     u, y = record()
     with pytest.raises(ValueError, match=r"y has 2 columns, the simulator has 1.*outputs=\[\.\.\.\]"):
         check_record(nominal(), u, np.column_stack([y, y]))
+
+
+def test_columns_of_a_table_are_found_by_name():
+    u, y = record()
+    table = pd.DataFrame({"time": np.arange(N) * 0.05, "q": y[:, 0]})
+    assert check_record(nominal(), u, table) == check_record(nominal(), u, y)
 
 
 def test_a_mistake_is_not_told_where_the_refit_explains_more_without_it():

@@ -3,12 +3,12 @@
 import numpy as np
 
 from narx_sklearn._validation import (
-    as_signals,
     check_same_length,
     finite_rows,
     finite_slices,
     session_slices,
 )
+from narx_sklearn.discrepancy.columns import read_columns
 from narx_sklearn.discrepancy.records.counts import counted, fewest
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.in_words import mistake_in_words, other_units
@@ -29,10 +29,10 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
     ----------
     simulator : Simulator
         The simulation as it stands.
-    u : array-like of shape (n_samples, n_inputs)
-        Measured inputs; NaN marks gaps.
-    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-        Measured outputs, in the order of the simulator's; NaN marks gaps.
+    u : array-like or DataFrame of shape (n_samples, n_inputs)
+        Measured inputs, columns of a table by name; NaN marks gaps.
+    y : array-like or DataFrame of shape (n_samples,) or (n_samples, n_outputs)
+        Measured outputs, in the order of the simulator's or by name; NaN marks gaps.
     sessions : array-like of shape (n_samples,), default=None
         One label a sample.
     n_jobs : int, default=None
@@ -62,14 +62,9 @@ def check_record(simulator: Simulator, u, y, sessions=None, n_jobs=None) -> tupl
     >>> [finding.code for finding in check_record(sim, u, y)]
     ['units']
     """
-    u, y = as_signals(u, "u"), as_signals(y, "y")
+    u = read_columns(u, simulator.inputs, "u", "input")
+    y = read_columns(y, simulator.outputs, "y", "output")
     check_same_length(u=u, y=y, sessions=sessions)
-    for name, data, signals in (("u", u, simulator.inputs), ("y", y, simulator.outputs)):
-        if data.shape[1] != len(signals):
-            raise ValueError(
-                f"{name} has {data.shape[1]} columns, the simulator has {len(signals)}: "
-                f"{[str(s) for s in signals]}. Pass one column for each, in this order."
-            )
     pieces = finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u))
     found = counted(simulator, u, y, pieces)
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
