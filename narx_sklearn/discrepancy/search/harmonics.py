@@ -145,19 +145,19 @@ def _courses(problem: Problem, best: Candidate) -> Iterator[tuple[PlacedEffect, 
     windows = problem.windows
     whole = problem.simulator.dt * float(np.max(windows.last - windows.began))
     sines = [e for e in best.effects if e.effect.code == SINE and not e.passes]
-    for sine in sorted(sines, key=lambda e: e.theta[1]):
-        times = {o.place: o.theta[1] / sine.theta[1] for o in sines if o is not sine and sine.theta[1] > 0}
-        width = LINE * 2 * np.pi / (whole * sine.theta[1]) if sine.theta[1] > 0 else 0.0
-        yield (
-            sine,
-            [
-                o
-                for o in sines
-                if o.place in times
-                and 2 <= round(times[o.place]) <= MOST
-                and abs(times[o.place] - round(times[o.place])) <= width
-            ],
-        )
+    for sine in sorted(sines, key=_frequency):
+        yield sine, [o for o in sines if o is not sine and _is_harmonic(o, sine, LINE * 2 * np.pi / whole)]
+
+
+def _frequency(sine: PlacedEffect) -> float:
+    return sine.theta[1]
+
+
+def _is_harmonic(other: PlacedEffect, sine: PlacedEffect, width: float) -> bool:
+    """Tell whether a sine swings at a multiple of another's frequency, rad/s, within some width."""
+    w = _frequency(sine)
+    order = round(_frequency(other) / w) if w > 0 else 0
+    return 2 <= order <= MOST and abs(_frequency(other) - order * w) <= width
 
 
 def _is_outdone(candidate: Candidate, sine: PlacedEffect) -> bool:
@@ -174,7 +174,7 @@ def _is_better(more: Candidate, fewer: Candidate) -> bool:
 def _begun(sine: PlacedEffect, others: list[PlacedEffect]) -> PlacedEffect:
     """Return a sine with the harmonics that it has, and those that others are, where these act there too."""
     size, w, p, *own = sine.theta
-    orders = [round(other.theta[1] / w) for other in others]
+    orders = [round(_frequency(other) / w) for other in others]
     ratios = np.zeros((max([2, n_harmonics(sine), *orders]) - 1, 2))
     ratios.ravel()[: len(own)] = own
     for other, n in zip(others, orders, strict=True):
