@@ -28,10 +28,13 @@ def sine(size, w, p, port=SENSOR):
     return PlacedEffect(CATALOGUE["periodic_disturbance"], port, theta=(size, w, p))
 
 
-def fitted(off, *sets, seed=0):
-    """Return the problem of an oscillator whose position is off by a course in time, and fitted sets."""
+def fitted(off, *sets, seed=0, again=N):
+    """Return the problem of an oscillator whose position is off by a course in time, and fitted sets.
+
+    It is driven alike every ``again`` samples.
+    """
     rng = np.random.default_rng(seed)
-    u = levels(rng, N)
+    u = np.resize(levels(rng, again), (N, 1))
     y = make_oscillator().simulate(u) + NOISE * rng.normal(size=(N, 1)) + off(np.arange(N) * DT)[:, None]
     simulator = make_oscillator()
     windows = cut([(slice(0, N), 0)], 300, 12)
@@ -105,6 +108,17 @@ class TestWithOneCourse:
 
         problem, nothing, one = fitted(off, (sine(0.05, W, 0.0),))
         assert with_one_course(problem, one, [one], nothing, ALPHA) is one
+
+    @pytest.mark.parametrize("turns", [1, 2])
+    def test_where_the_machine_repeats_itself_as_often_a_sine_stays_one(self, turns):
+        again = turns * round(2 * np.pi / W / DT)
+        problem, nothing, one = fitted(sawtooth, (sine(0.1, W, 0.3),), again=again)
+        assert with_one_course(problem, one, [one], nothing, ALPHA) is one
+
+    def test_that_it_repeats_itself_at_other_times_says_nothing(self):
+        again = round(2.4 * 2 * np.pi / W / DT)
+        problem, nothing, one = fitted(sawtooth, (sine(0.1, W, 0.3),), again=again)
+        assert with_one_course(problem, one, [one], nothing, ALPHA) is not one
 
     @pytest.mark.parametrize("seed", range(4))
     def test_a_sine_stays_one(self, seed):

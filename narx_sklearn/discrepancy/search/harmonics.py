@@ -102,8 +102,9 @@ def with_one_course(
 ) -> Candidate:
     """Return a set with one periodic disturbance for the sines that are its harmonics, if it is as likely.
 
-    A sine alone gets harmonics that noise would not give it, none larger than itself. What is returned joins
-    the ``pool``, and so does the same where it may act as well.
+    A sine alone gets harmonics that noise would not give it, none larger than itself, unless the machine
+    repeats its motion as often. What is returned joins the ``pool``, and so does the same where it may act as
+    well.
 
     Parameters
     ----------
@@ -114,6 +115,8 @@ def with_one_course(
     """
     for sine, others in _courses(problem, best):
         kept = tuple(e for e in best.effects if e.place not in {sine.place, *(o.place for o in others)})
+        if _repeats_itself(problem, best, kept, sine):
+            continue
         found = _fitted(problem, best, kept, _begun(sine, others), n_jobs)
         if others:
             is_one = found.criterion <= best.criterion + HARDLY
@@ -144,7 +147,7 @@ def _courses(problem: Problem, best: Candidate) -> Iterator[tuple[PlacedEffect, 
     """Yield each lasting sine of a set with those that are harmonics of it, the slowest first."""
     windows = problem.windows
     whole = problem.simulator.dt * float(np.max(windows.last - windows.began))
-    sines = [e for e in best.effects if e.effect.code == SINE and not e.passes]
+    sines = [e for e in best.effects if e.effect.code == SINE and not e.passes and _frequency(e) > 0]
     for sine in sorted(sines, key=_frequency):
         yield sine, [o for o in sines if o is not sine and _is_harmonic(o, sine, LINE * 2 * np.pi / whole)]
 
@@ -156,7 +159,7 @@ def _frequency(sine: PlacedEffect) -> float:
 def _is_harmonic(other: PlacedEffect, sine: PlacedEffect, width: float) -> bool:
     """Tell whether a sine swings at a multiple of another's frequency, rad/s, within some width."""
     w = _frequency(sine)
-    order = round(_frequency(other) / w) if w > 0 else 0
+    order = round(_frequency(other) / w)
     return 2 <= order <= MOST and abs(_frequency(other) - order * w) <= width
 
 
@@ -164,6 +167,30 @@ def _is_outdone(candidate: Candidate, sine: PlacedEffect) -> bool:
     """Tell whether a harmonic is larger than the first: of such a series anything is made that wanders."""
     theta = next(e.theta for e in candidate.effects if e.place == sine.place)
     return bool(np.max(np.hypot(theta[3::2], theta[4::2]), initial=0.0) > 1.0)
+
+
+def _repeats_itself(
+    problem: Problem, best: Candidate, kept: tuple[PlacedEffect, ...], sine: PlacedEffect
+) -> bool:
+    """Tell whether a machine, without a sine, moves as often as that swings, or half as often, all of it.
+
+    Whatever its motion brings about then swings so too, twice a period where it is alike both ways, and says
+    nothing of a clock of its own.
+    """
+    run = problem.run(best.fit.model._replace(effects=kept))
+    rows = problem.samples_of(run)
+    since = rows - problem.windows.began[np.searchsorted(problem.windows.first, rows, side="right") - 1]
+    period = 2 * 2 * np.pi / (_frequency(sine) * problem.simulator.dt)  # of two turns, samples
+    moving = run.x[rows][:, np.ptp(run.x[rows], axis=0) > 0]
+    return moving.size > 0 and all(_folded(signal, since, period) for signal in moving.T)
+
+
+def _folded(signal: np.ndarray, at: np.ndarray, period: float) -> bool:
+    """Tell whether a signal is mostly its mean over periods, more than it would be by chance."""
+    phases = np.minimum((at % period).astype(int), max(int(period), 1) - 1)
+    mean = np.bincount(phases, signal) / np.maximum(np.bincount(phases), 1)
+    by_chance = min(period / signal.size, 1.0)  # of a signal that never comes again
+    return bool(np.var(mean[phases]) > (1.0 + by_chance) / 2 * np.var(signal))
 
 
 def _is_better(more: Candidate, fewer: Candidate) -> bool:
