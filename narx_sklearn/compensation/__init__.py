@@ -2,7 +2,8 @@
 
 The compensators
     ``roots``, ``isolated``, ``inverse`` and ``physical`` are what users meet; ``_base`` is what they share,
-    ``_defaults`` the models that they identify unasked. ``beyond`` says where a reference leaves the record.
+    ``_defaults`` the models that they identify unasked, of which ``choosing`` takes one. ``beyond`` says
+    where a reference leaves the record.
 From a model to a law
     ``derive`` does the algebra, in the ``letters`` of a law.
 The law

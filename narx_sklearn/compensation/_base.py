@@ -1,14 +1,13 @@
 """What all compensators share: identify or take a model, derive the law, run it, explain it."""
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from numbers import Real
 from types import NoneType
 from typing import Any
 
 import numpy as np
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from narx_sklearn._validation import (
@@ -17,12 +16,12 @@ from narx_sklearn._validation import (
     check_indexes,
     check_same_length,
     column_labels,
-    session_slices,
     split_unit,
 )
 from narx_sklearn.compensation._polynomial_roots import WIDEST, held_root
 from narx_sklearn.compensation.beyond import beyond_record
 from narx_sklearn.compensation.c_code import c_source
+from narx_sklearn.compensation.choosing import choose_model, fitted_regressor, parted, recorded_range
 from narx_sklearn.compensation.derive import check_width, static_powers
 from narx_sklearn.compensation.law import (
     BRANCHES,
@@ -39,8 +38,6 @@ from narx_sklearn.compensation.stability import (
     warn_if_run_away,
 )
 from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
-from narx_sklearn.identification.criteria import information_criterion
-from narx_sklearn.identification.hysteresis import resting_dynamics
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.model.terms import Variable
@@ -50,8 +47,6 @@ from narx_sklearn.model.units import compare_units
 AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
 SETTLING = 1000  # samples in which a law finds the input that holds the first reference
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
-GIVEN_BACK = 0.2  # of the input's deviation: a law that returns an input worse than this has lost it
-MOST_CUT = 0.1  # of the samples of a slower reference, at which a law that serves may be cut at its limits
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
 
@@ -107,7 +102,7 @@ class Compensator(BaseEstimator):
         law = self._identify_law(X, y, sessions)
         applied = None
         if data is not None:
-            applied = self._parted(data[0], self.model_)[0]
+            applied = parted(data[0], self.model_, getattr(self, "input_name", None))[0]
             self._line = _static_line(applied, data[1][:, 0])
         else:
             self._middle = self._middle_of_record()
@@ -145,35 +140,16 @@ class Compensator(BaseEstimator):
         asked = self.model
         if asked is None:
             asked = self._default_regressors(X, y, getattr(self, "input_name", None))
-        judge, fitted = self._judge(X, y, sessions), {}
-
-        def identify(regressor) -> NARXModel:
-            found = fitted_regressor(regressor, X, y, sessions)
-            model = self._model_of(found, X, y, sessions)
-            fitted[id(model)] = found
-            return model
-
-        best = best_of(asked, identify, lambda model: judge(model, self._derive(model)))
-        self.regressor_ = fitted[id(best)]
-        return best
-
-    def _judge(self, X, y, sessions):
-        """Return what judges a model and its law on a record: smaller is better."""
-        u, measured = as_signals(X, "X"), as_signals(y, "y")
-
-        def judge(model: NARXModel, law: CompensationLaw) -> tuple[bool, float]:
-            criterion, simulated = free_run_criterion(model, u, measured, sessions)
-            # with the model's own output as reference a law should return the input that made it
-            applied, others = self._parted(u, model)
-            bounded = replace(law, limits=self._range_of(applied), **self._choices())
-            reference = np.column_stack([simulated, others])
-            lost = input_error(bounded, reference, applied, sessions) if np.isfinite(criterion) else np.inf
-            stays = not law.keeps_rest or resting_dynamics(model, 1).holds  # where its input stops
-            serves = stays and lost <= GIVEN_BACK
-            serves = serves and share_cut(bounded, reference, applied, sessions) <= MOST_CUT
-            return (False, criterion) if serves else (True, lost)
-
-        return judge
+        model, self.regressor_ = choose_model(
+            asked,
+            X,
+            y,
+            sessions,
+            lambda model: replace(self._derive(model), **self._choices()),
+            input_name=getattr(self, "input_name", None),
+            model_of=lambda regressor: self._model_of(regressor, X, y, sessions),
+        )
+        return model
 
     def _model_of(self, regressor, X, y, sessions) -> NARXModel:
         return regressor.model_
@@ -387,7 +363,7 @@ class Compensator(BaseEstimator):
         check_is_fitted(self, "law_")
         check_indexes(X, y)
         u = as_signals(X, "X")
-        applied, others = self._parted(u, self.model_)
+        applied, others = parted(u, self.model_, getattr(self, "input_name", None))
         m = self.compensate(np.column_stack([as_signals(y, "y"), others]), m_init=applied[0]).m
         return float(1.0 - np.sum((applied - m) ** 2) / np.sum((applied - applied.mean()) ** 2))
 
@@ -455,12 +431,6 @@ class Compensator(BaseEstimator):
     def _check_times(self, X) -> None:
         period = getattr(self.model_, "sampling_period", None)
         step_of_rows({"X": X}, None, period, "the model by sampling_period", stacklevel=4)
-
-    def _parted(self, u: np.ndarray, model) -> tuple[np.ndarray, np.ndarray]:
-        """Return the input that compensates, and the other inputs."""
-        name = getattr(self, "input_name", None)
-        column = 0 if name is None else model.inputs.index(name)
-        return u[:, column], np.delete(u, column, axis=1)
 
     def _first_input(self, known) -> float:
         """Return the input that holds the first reference, as far as the law or the record know it."""
@@ -551,7 +521,7 @@ class Compensator(BaseEstimator):
                 "The law of this model is searched, which needs limits=(low, high): the range of the input. "
                 "They are taken from the data where fit gets data, or from model.recorded."
             )
-        return float(np.nanmin(applied)), float(np.nanmax(applied))
+        return recorded_range(applied)
 
     def __sklearn_is_fitted__(self):
         return hasattr(self, "law_")
@@ -567,119 +537,6 @@ class Compensator(BaseEstimator):
             self.reset()
 
 
-def fitted_regressor(model: Any, X, y, sessions) -> Any:
-    """Return a clone of the given estimator, fitted to the record."""
-    if X is None or y is None:
-        known = "model_ of the estimator" if hasattr(model, "model_") else "NARXModel(...)"
-        raise ValueError(
-            "fit needs the record X (inputs) and y (output) to identify a model from, or the compensator a "
-            f"model that is known: pass model={known}."
-        )
-    if not hasattr(model, "fit"):
-        raise TypeError(
-            "model must be None, a NARXModel or an estimator such as NARXRegressor, got "
-            f"{type(model).__name__}."
-        )
-    options = {} if sessions is None else {"sessions": sessions}
-    return clone(model).fit(X, y, **options)
-
-
-def best_of(regressors, identify, judge, compare=None) -> NARXModel:
-    """Return the model that is judged best; what one cannot do is told only where none can.
-
-    Where ``compare`` is given, it takes all models that could be judged and their marks, and returns others
-    in their place. Warnings are those of the model that is taken.
-    """
-    found, refused = [], ValueError("There is nothing to choose from.")
-    for regressor in regressors:
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            try:
-                model = identify(regressor)
-                told_of_model = list(told)
-                mark = judge(model)
-            except ValueError as error:  # such as a law without a solution
-                refused = error
-                continue
-        found.append((mark, model, told_of_model))
-    if not found:
-        raise refused
-    marks: list[Any] = [mark for mark, _, _ in found]
-    if compare is not None:
-        marks = compare([model for _, model, _ in found], marks)
-    _, model, told_of_model = found[min(range(len(found)), key=lambda i: marks[i])]
-    for warning in told_of_model:
-        warnings.warn(warning.message, stacklevel=5)
-    return model
-
-
-def free_run_criterion(model: NARXModel, u, y, sessions, alike=0.0) -> tuple[float, np.ndarray]:
-    """Return the criterion of a model's free run (infinite where it diverges) and what it simulates.
-
-    Errors below the share ``alike`` of the output's deviation count as one, so that the fewer terms win.
-    """
-    run = free_run(model, u, y_init=y, sessions=sessions)
-    if run.stopped_at is not None:
-        return np.inf, run.y
-    left = (run.y - y)[np.isfinite(run.y) & np.isfinite(y)]
-    rss = max(float(left @ left), left.size * (alike * float(np.nanstd(y))) ** 2)
-    return float(information_criterion("bic", rss, left.size, model.n_terms)), run.y
-
-
-def input_error(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float:
-    """Return how far the input of a law lies from the one that was applied, over the latter's deviation."""
-    errors = []
-    for piece, known in _known_pieces(reference, u, sessions):
-        m = law.run(reference[piece], m=u[piece.start]).m
-        errors.append((m - u[piece])[known])
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / (np.nanstd(u) or 1.0))
-
-
-def share_cut(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float:
-    """Return the share of samples at which a law is cut at its limits on a reference at half its speed.
-
-    The machine has gone as far within these limits, and faster, so a law that is cut has run away.
-    """
-    counts = []
-    for piece, _ in _known_pieces(reference, u, sessions):
-        counts.append(law.run(at_half_speed(reference[piece]), m=u[piece.start]).counts)
-    return sum(c.at_limit for c in counts) / max(sum(c.samples for c in counts), 1)
-
-
-def error_on(model: NARXModel, law: CompensationLaw, reference: np.ndarray, u: np.ndarray, sessions) -> float:
-    """Return how far a model that a law drives stays from a reference at half its speed.
-
-    In deviations of the reference; infinite where the model leaves the finite range.
-    """
-    left, wanted = [], []
-    for piece, _ in _known_pieces(reference, u, sessions):
-        slower = at_half_speed(reference[piece])
-        m = law.run(slower, m=u[piece.start]).m
-        known = np.isfinite(slower[:, 0])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DivergenceWarning)  # the error says it
-            left.append((free_run(model, m, slower).y - slower)[known])
-        wanted.append(slower[known])
-    errors = np.concatenate(left)
-    if not np.isfinite(errors).all():
-        return np.inf
-    return float(np.sqrt(np.mean(errors**2)) / (np.std(np.concatenate(wanted)) or 1.0))
-
-
-def at_half_speed(signals: np.ndarray) -> np.ndarray:
-    """Return signals of shape (n_samples, n_signals) with a sample put between any two."""
-    return np.stack([signals[:-1], 0.5 * (signals[:-1] + signals[1:])], axis=1).reshape(-1, signals.shape[1])
-
-
-def _known_pieces(reference, u: np.ndarray, sessions) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield each session from where the reference and the input are known, and at which samples they are."""
-    for piece in session_slices(sessions, u.size):
-        known = np.isfinite(reference[piece]).all(axis=1) & np.isfinite(u[piece])
-        if known.any():
-            begin = int(np.argmax(known))
-            yield slice(piece.start + begin, piece.stop), known[begin:]
-
-
 def _rises(model: NARXModel, name: str) -> bool | None:
     """Tell whether a model's output rises with an input over the latter's recorded range; None if unknown."""
     n_samples = max(SETTLING, model.max_lag + 2)
@@ -693,11 +550,6 @@ def _rises(model: NARXModel, name: str) -> bool | None:
         run = free_run(model, X, y_init)
     moved = run.y[-1, 0] - run.y[0, 0]
     return bool(moved > 0) if run.stopped_at is None and moved != 0 else None
-
-
-def unnamed(X, y):
-    """Return X and y as arrays, so that a default model calls them u and y, and their labels."""
-    return as_signals(X, "X"), as_signals(y, "y")[:, 0], (column_labels(X), column_labels(y))
 
 
 def _check_is_no_simulator(model: Any) -> None:
@@ -738,4 +590,4 @@ def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(u_held - slope * y_held), float(slope)
 
 
-__all__ = ["Compensator", "LawState", "best_of", "fitted_regressor", "free_run_criterion", "unnamed"]
+__all__ = ["Compensator", "LawState"]

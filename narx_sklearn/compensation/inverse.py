@@ -9,15 +9,9 @@ import pandas as pd
 from scipy.signal import savgol_filter
 
 from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names
-from narx_sklearn.compensation._base import (
-    Compensator,
-    _static_line,
-    best_of,
-    error_on,
-    fitted_regressor,
-    free_run_criterion,
-)
+from narx_sklearn.compensation._base import Compensator, _static_line
 from narx_sklearn.compensation._defaults import direct_regressors, inverse_regressors
+from narx_sklearn.compensation.choosing import best_of, error_on, fitted_regressor, free_run_criterion
 from narx_sklearn.compensation.derive import inverse_law, smooth_signs
 from narx_sklearn.compensation.law import REFERENCE, CompensationLaw
 from narx_sklearn.exceptions import NarxWarning
