@@ -21,7 +21,6 @@ from narx_sklearn.compensation import (
     PrandtlIshlinskiiCompensator,
     RootCompensator,
     UnreachableWarning,
-    inverse,
     law_stability,
     run_plant,
     smooth_output,
@@ -362,7 +361,7 @@ def test_the_newest_input_is_kept_where_selection_loses_it(constraints):
     )  # fmt: skip
     lost = regressor.fit(u.reshape(-1, 1), y).terms_
     assert "u[k-1]" not in lost
-    with pytest.warns(AmplificationWarning):
+    with pytest.warns(UnreachableWarning, match="runs away from"), pytest.warns(AmplificationWarning):
         compensator = IsolatedCompensator(regressor).fit(u.reshape(-1, 1), y)
     assert compensator.model_.library.names == TermLibrary([*lost, "u[k-1]"]).names
     assert compensator.law_.horizon == 1
@@ -643,13 +642,23 @@ def test_an_inverse_model_is_chosen_by_what_its_law_does_to_the_machine():
     assert error < 0.1  # 0.18 by the free run on the record's own output
 
 
-def test_an_inverse_law_worse_than_a_straight_line_is_told(monkeypatch):
-    errors = iter([0.1, 0.5, 0.5, 0.5, 0.5])  # the line is asked first
-    monkeypatch.setattr(inverse, "error_on", lambda *_: next(errors))
+def test_an_inverse_law_worse_than_a_straight_line_is_told():
+    """A machine that doubles: of the law 5 r the output is 10 r, of the line 0.5 r it is r."""
+    u = 1.5 * np.sin(2.0 * np.pi * np.arange(1001) / 100)
+    y = np.append(0.0, 2.0 * u[:-1])
+    five = NARXModel.from_equations("5*y[k-1]", outputs=["u"], inputs=["y"])
+    compensator = InverseCompensator(five, limits=(-99, 99), lead=2)
     with pytest.warns(
-        NarxWarning, match=r"leaves 50% of a reference's deviation, a straight line .* 10%.*lead"
+        UnreachableWarning, match=r"no better than a straight line.* leaves 900% .*longer lead than 2"
     ):
-        InverseCompensator().fit(*lag_behind_a_cubic(1000))
+        compensator.fit(u[:, None], y)
+    for trial in compensator.rehearsal_.trials:
+        assert (trial.law, trial.line, trial.doubt) == pytest.approx((9.0, 0.0, 0.0), abs=0.02)
+    assert "leaves 900% of a reference's deviation, a straight line of it 0%" in compensator.explain()
+    with pytest.warns(
+        UnreachableWarning, match="leaves 900% of the deviation of this reference; the straight line"
+    ):
+        compensator.predict(y[:500])
 
 
 # -- units of a reference --------------------------------------------------------------------------------

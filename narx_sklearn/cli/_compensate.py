@@ -17,12 +17,11 @@ from narx_sklearn.compensation import (
     RootCompensator,
     UnreachableWarning,
 )
-from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
-from narx_sklearn.model import NARXModel, free_run
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.model import NARXModel
 from narx_sklearn.model.times import same_period
 
 METHODS = {"roots": RootCompensator, "isolated": IsolatedCompensator, "inverse": InverseCompensator}
-LOST = 0.2  # of the reference's deviation, as for the laws that a compensator chooses from
 REFERENCES = frozenset({"r", "ref", "reference", "setpoint", "target"})
 
 
@@ -78,9 +77,10 @@ def run(options) -> None:
             "--limits."
         )
     notes += [f"The law:\n{compensator.law_.to_text()}"]
+    if compensator.rehearsal_ is not None and compensator.rehearsal_.trials:
+        notes += [str(compensator.rehearsal_)]
     _warn_of_input(counts, compensator, reference)
-    if options.method != "inverse":
-        _warn_if_lost(compensator.model_, done.m, reference.to_numpy())
+    _warn_if_lost(compensator, reference, options.start)
     tell_notes(notes, options.quiet)
     if options.c:
         write_text(options.c, compensator.explain("c", c_prefix(options.c, "compensator")))
@@ -104,29 +104,17 @@ def _warn_of_input(counts, compensator, reference) -> None:
         warnings.warn(" ".join(words), UnreachableWarning, stacklevel=2)
 
 
-def _warn_if_lost(model: NARXModel, m: np.ndarray, reference: np.ndarray) -> None:
-    """Warn where not even the model follows the reference, driven by the input that its law gave."""
-    wanted, lag = reference[:, 0], model.max_lag
-    if np.ptp(wanted) == 0.0:
-        return
-    inputs = np.column_stack([m, reference[:, 1:]])
-    held = np.concatenate([np.repeat(inputs[:1], lag, axis=0), inputs])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DivergenceWarning)  # it is lost, which is told
-        y = free_run(model, held, np.full(lag, wanted[0])).y[lag:, 0]
-    with np.errstate(over="ignore"):
-        missed = np.sqrt(np.mean((y - wanted) ** 2)) / np.std(wanted)
-    if missed <= LOST:
-        return
-    how = f"stays {missed:.0%} of its deviation away from it" if missed < 10.0 else "runs away from it"
-    warnings.warn(
-        f"Driven by this input not even the model follows the reference: it {how}. The law has lost it, and "
-        "the machine will not follow either. Where limits cut the input, widen them or ask for less. Else "
-        "identify with other lags, fewer terms or another --structure, or pass --record, by which a model is "
-        "chosen whose law serves.",
-        UnreachableWarning,
-        stacklevel=2,
-    )
+def _warn_if_lost(compensator, reference, start: float | None) -> None:
+    """Warn where not even a model follows the reference, or follows a straight line of it better."""
+    trial = compensator.rehearse(reference, start)
+    words = "" if trial is None else compensator.rehearsal_.said_of(trial)
+    if words and not trial.is_bound:
+        words += (
+            " Identify with other lags, fewer terms or another --structure, or pass --record, by which a "
+            "model is chosen whose law serves; or take another --method."
+        )
+    if words:
+        warnings.warn(words, UnreachableWarning, stacklevel=2)
 
 
 def _tell_start(r: float, first: float, recorded) -> list[str]:

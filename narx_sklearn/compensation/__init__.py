@@ -3,7 +3,8 @@
 The compensators
     ``roots``, ``isolated``, ``inverse`` and ``physical`` are what users meet; ``_base`` is what they share,
     ``_defaults`` the models that they identify unasked, of which ``choosing`` takes one. ``beyond`` says
-    where a reference leaves the record.
+    where a reference leaves the record; a ``rehearsal`` on a model of the machine, where a straight line does
+    better.
 From a model to a law
     ``derive`` does the algebra, in the ``letters`` of a law.
 The law
@@ -36,6 +37,7 @@ from narx_sklearn.compensation.law import (
 )
 from narx_sklearn.compensation.model_code import model_c_source
 from narx_sklearn.compensation.physical import BoucWenCompensator, PrandtlIshlinskiiCompensator
+from narx_sklearn.compensation.rehearsal import Rehearsal, Trial
 from narx_sklearn.compensation.roots import RootCompensator
 from narx_sklearn.compensation.stability import AmplificationWarning, LawStability, law_stability
 from narx_sklearn.compensation.tracking import run_plant, tracking_error, tracking_scorer
@@ -55,7 +57,9 @@ __all__ = [
     "LawState",
     "PIDState",
     "PrandtlIshlinskiiCompensator",
+    "Rehearsal",
     "RootCompensator",
+    "Trial",
     "UnreachableWarning",
     "c_source",
     "inverse_law",

@@ -21,7 +21,14 @@ from narx_sklearn._validation import (
 from narx_sklearn.compensation._polynomial_roots import WIDEST, held_root
 from narx_sklearn.compensation.beyond import beyond_record
 from narx_sklearn.compensation.c_code import c_source
-from narx_sklearn.compensation.choosing import choose_model, fitted_regressor, parted, recorded_range
+from narx_sklearn.compensation.choosing import (
+    choose_model,
+    fitted_regressor,
+    input_error,
+    machine_for_rehearsal,
+    parted,
+    recorded_range,
+)
 from narx_sklearn.compensation.derive import check_width, static_powers
 from narx_sklearn.compensation.law import (
     BRANCHES,
@@ -32,6 +39,7 @@ from narx_sklearn.compensation.law import (
     UnreachableWarning,
     warn_if_unreachable,
 )
+from narx_sklearn.compensation.rehearsal import Rehearsal, Trial
 from narx_sklearn.compensation.stability import (
     warn_if_amplifying,
     warn_if_amplifying_at_rest,
@@ -82,8 +90,12 @@ class Compensator(BaseEstimator):
             If the law amplifies small errors of its own input along the first samples of the record; or,
             where the model is given without one, at rest at the mean output that the model keeps of its own
             record, or else at zero.
+        UnreachableWarning
+            If the law, rehearsed on a model of the machine along the record's output slowed and made smaller,
+            does no better than a straight line of the reference.
         """
-        self.__dict__.pop("law_", None)  # an interrupted fit leaves nothing that could be used
+        for learned in ("law_", "rehearsal_"):  # an interrupted fit leaves nothing that could be used
+            self.__dict__.pop(learned, None)
         _check_is_no_simulator(self.model)
         limits, rate_limit = self._check_limits()
         check_width(getattr(self, "smooth_width", None), "smooth_width")
@@ -123,6 +135,8 @@ class Compensator(BaseEstimator):
         else:
             level = self._mean_of_record()
             warn_if_amplifying_at_rest(self.law_, level, m=self._first_input(level))
+        self.rehearsal_ = self._rehearse(data, X, y, sessions)
+        self._warn_if_worse()
         return self
 
     def _identify_law(self, X, y, sessions) -> CompensationLaw:
@@ -195,8 +209,10 @@ class Compensator(BaseEstimator):
             If no admissible input satisfied the law at some samples, or ``limits`` or ``rate_limit`` cut it;
             if the first reference, at which the model may rest, lies beyond what was recorded; if the law
             runs away: it amplifies its errors, and its input left a thousand times the recorded range, or
-            the range of the inputs that hold the reference; or if the reference goes clearly farther, or
-            changes clearly faster, than the output in the record that the model is from.
+            the range of the inputs that hold the reference; if not even the model follows the reference,
+            driven by this input, or on a model of the machine a straight line follows it better; or if the
+            reference goes clearly farther, or changes clearly faster, than the output in the record that the
+            model is from.
         """
         run = self.compensate(X, m_init)
         reference = as_signals(X, "X")
@@ -207,8 +223,120 @@ class Compensator(BaseEstimator):
             self.law_, reference, run.m, self._usual_inputs(reference, m_init)
         ):
             return run.m
-        warn_if_unreachable(run.counts, self.law_, "" if begun else self.beyond_record(X))
+        beside = [self._said_of(self._trial(run, reference, m_init)), "" if begun else self.beyond_record(X)]
+        warn_if_unreachable(run.counts, self.law_, " ".join(filter(None, beside)))
         return run.m
+
+    def rehearse(self, X, m_init=None) -> Trial | None:
+        """Drive a model of the machine by the input along a reference, and by a straight line of it.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples,) or (n_samples, 1 + n_others)
+            As for `predict`.
+        m_init : float, default=None
+            As for `predict`.
+
+        Returns
+        -------
+        Trial or None
+            How far the model stays from the reference; None where there is no model to be driven, or the
+            reference never moves.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from narx_sklearn.compensation import RootCompensator
+        >>> from narx_sklearn.model import NARXModel
+        >>> model = NARXModel.from_equations("0.5*y[k-1] + 0.5*u[k-1]")
+        >>> reference = np.sin(np.arange(200) / 10)
+        >>> print(round(RootCompensator(model).fit().rehearse(reference).law, 9))
+        0.0
+        >>> print(round(RootCompensator(model, limits=(-0.5, 0.5)).fit().rehearse(reference).law, 1))
+        0.5
+        """
+        return self._trial(self.compensate(X, m_init), as_signals(X, "X"), m_init)
+
+    def _trial(self, run: LawRun, reference: np.ndarray, m_init) -> Trial | None:
+        if self.rehearsal_ is None or np.ptp(reference[:, 0]) == 0.0:
+            return None
+        start = self._first_input(reference[0]) if m_init is None else float(m_init)
+        trial = self.rehearsal_.follow(run, reference, start)
+        if not self.rehearsal_.has_lost(trial):
+            return trial
+        wide = self.law_.limits if self.law_.method == "search" else (-np.inf, np.inf)
+        unbound = replace(self.law_, limits=wide, rate_limit=np.inf).run(reference, m=start)
+        found = self.rehearsal_.follow(unbound, reference, start)
+        return replace(trial, is_bound=not self.rehearsal_.has_lost(found))
+
+    def _said_of(self, trial: Trial | None) -> str:
+        """Say that a reference is lost, or better followed by a straight line, and the way out."""
+        if trial is None or self.rehearsal_ is None or trial.is_bound:  # the counts tell of limits
+            return ""
+        words = self.rehearsal_.said_of(trial)
+        return words and f"{words} {self._way_out()}"
+
+    def _way_out(self) -> str:
+        """Return what else could be tried where the law does not serve."""
+        if self.model is None:
+            return "Identify from a longer record that goes as slowly as the reference, or use the line."
+        return (
+            "Identify with structure='rate_independent', other lags or fewer terms, or pass no model and the "
+            "record: of several models the one is taken whose law serves."
+        )
+
+    def _rehearse(self, data, X, y, sessions) -> Rehearsal | None:
+        """Rehearse the law on its own model, or where it does not give the record's input back on another.
+
+        On its own model a law is right by construction; where it takes other inputs than those recorded for
+        the output recorded, only another model can tell whether they are as good. So it does where its own
+        model is driven away by a straight line.
+        """
+        if not isinstance(self.model_, NARXModel):
+            return None
+        if data is None:
+            return Rehearsal(self.model_, self._driving(), is_own=True)
+        own = Rehearsal.of(
+            self.law_, self.model_, data[0], data[1], sessions, driven=self._driving(), is_own=True
+        )
+        if own.line and own.trials and self._gives_back(own.line, data[0], data[1], sessions):
+            return own
+        other = machine_for_rehearsal(X, y, sessions, getattr(self, "input_name", None))
+        if other is None:
+            return own
+        found = Rehearsal.of(self.law_, other, data[0], data[1], sessions, driven=self._named_in(other))
+        return found if found.trials else own
+
+    def _gives_back(self, line: CompensationLaw, u, y, sessions) -> bool:
+        """Tell whether the law gives the recorded input back better than a straight line, from its output."""
+        part = slice(CHECKED_SAMPLES)
+        u, y, sessions = u[part], y[part], None if sessions is None else np.asarray(sessions)[part]
+        simulated = free_run(self.model_, u, y_init=y, sessions=sessions).y
+        applied, others = parted(u, self.model_, getattr(self, "input_name", None))
+        reference = np.column_stack([simulated, others])
+        law, straight = (input_error(one, reference, applied, sessions) for one in (self.law_, line))
+        return law <= straight
+
+    def _named_in(self, machine: NARXModel) -> str:
+        """Return what another model of the same record calls the input that compensates."""
+        return machine.inputs[self.model_.inputs.index(self._driving())]
+
+    def _warn_if_worse(self) -> None:
+        rehearsal = self.rehearsal_
+        worst = None if rehearsal is None else rehearsal.worst
+        if rehearsal is None or worst is None or not worst.is_worse:
+            return
+        unsolved = (
+            f" At {worst.unsolved:.0%} of its samples no admissible input solves the law."
+            if worst.unsolved >= 0.01
+            else ""
+        )
+        words = replace(rehearsal, is_own=False).said_of(worst)
+        warnings.warn(
+            f"The law does no better than a straight line. {words}{unsolved} {self._way_out()}",
+            UnreachableWarning,
+            stacklevel=3,
+        )
 
     def beyond_record(self, X):
         """Say where a reference goes farther or changes faster than the record that the model is from.
@@ -331,8 +459,8 @@ class Compensator(BaseEstimator):
         Parameters
         ----------
         form : {"equation", "c"}, default="equation"
-            Equations to read, or a C99 program part that computes the same numbers: functions
-            ``<name>_reset`` and ``<name>_step``, no memory allocation, only ``math.h``.
+            Equations to read, and how the law did in rehearsal; or a C99 program part that computes the same
+            numbers: functions ``<name>_reset`` and ``<name>_step``, no memory allocation, only ``math.h``.
         name : str, default="compensator"
             Prefix of the names in C.
 
@@ -342,7 +470,10 @@ class Compensator(BaseEstimator):
         """
         check_is_fitted(self, "law_")
         check_choice(form, "form", ("equation", "c"))
-        return str(self.law_) if form == "equation" else c_source(self.law_, name)
+        if form == "c":
+            return c_source(self.law_, name)
+        rehearsed = self.rehearsal_ is not None and self.rehearsal_.trials
+        return f"{self.law_}\n{self.rehearsal_}" if rehearsed else str(self.law_)
 
     def score(self, X, y):
         """Return R² of the recorded input, computed from the recorded output as the reference.

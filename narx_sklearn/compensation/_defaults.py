@@ -27,6 +27,12 @@ def direct_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     ]
 
 
+def rehearsal_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
+    """Return the quickest of these, one of each kind: for a model on which another one's law is rehearsed."""
+    resting = _resting(input_name or _first_name(X, "u"), "rate_independent")
+    return [NARXRegressor(1, 1, phi_lags=1, **resting), NARXRegressor(2, 1, **ORDINARY)]
+
+
 def isolable_regressors(X, y, input_name: str | None) -> list[NARXRegressor]:
     """Return the same with the newest input or difference in one linear term (Assumptions 4.3, 4.4)."""
     name = input_name or _first_name(X, "u")

@@ -3,20 +3,31 @@
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
 from narx_sklearn._validation import as_signals, session_slices
+from narx_sklearn.compensation._defaults import rehearsal_regressors
+from narx_sklearn.compensation.derive import root_law
 from narx_sklearn.compensation.law import CompensationLaw
-from narx_sklearn.exceptions import DivergenceWarning
+from narx_sklearn.compensation.rehearsal import at_half_speed
 from narx_sklearn.identification.criteria import information_criterion
 from narx_sklearn.identification.hysteresis import resting_dynamics
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 
-__all__ = ["best_of", "choose_model", "fitted_regressor", "free_run_criterion", "parted", "recorded_range"]
+__all__ = [
+    "best_of",
+    "choose_model",
+    "fitted_regressor",
+    "free_run_criterion",
+    "machine_for_rehearsal",
+    "parted",
+    "recorded_range",
+]
 
 GIVEN_BACK = 0.2  # of the input's deviation: a law that returns an input worse than this has lost it
 MOST_CUT = 0.1  # of the samples of a slower reference, at which a law that serves may be cut at its limits
@@ -76,6 +87,22 @@ def choose_model(
 
     best = best_of(regressors, identify, judge, stacklevel=6)
     return best, fitted[id(best)]
+
+
+def machine_for_rehearsal(
+    X, y, sessions, input_name: str | None = None, regressors=rehearsal_regressors
+) -> NARXModel | None:
+    """Identify a model of the machine on which laws are rehearsed; None where none can be had."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it is asked, not used
+        try:
+            several = regressors(X, y, input_name)
+            model, _ = choose_model(
+                several, X, y, sessions, partial(root_law, input_name=input_name), input_name=input_name
+            )
+        except ValueError:
+            return None
+    return model
 
 
 def parted(u: np.ndarray, model, input_name: str | None) -> tuple[np.ndarray, np.ndarray]:
@@ -166,31 +193,6 @@ def share_cut(law: CompensationLaw, reference, u: np.ndarray, sessions) -> float
     for piece, _ in _known_pieces(reference, u, sessions):
         counts.append(law.run(at_half_speed(reference[piece]), m=u[piece.start]).counts)
     return sum(c.at_limit for c in counts) / max(sum(c.samples for c in counts), 1)
-
-
-def error_on(model: NARXModel, law: CompensationLaw, reference: np.ndarray, u: np.ndarray, sessions) -> float:
-    """Return how far a model that a law drives stays from a reference at half its speed.
-
-    In deviations of the reference; infinite where the model leaves the finite range.
-    """
-    left, wanted = [], []
-    for piece, _ in _known_pieces(reference, u, sessions):
-        slower = at_half_speed(reference[piece])
-        m = law.run(slower, m=u[piece.start]).m
-        known = np.isfinite(slower[:, 0])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DivergenceWarning)  # the error says it
-            left.append((free_run(model, m, slower).y - slower)[known])
-        wanted.append(slower[known])
-    errors = np.concatenate(left)
-    if not np.isfinite(errors).all():
-        return np.inf
-    return float(np.sqrt(np.mean(errors**2)) / (np.std(np.concatenate(wanted)) or 1.0))
-
-
-def at_half_speed(signals: np.ndarray) -> np.ndarray:
-    """Return signals of shape (n_samples, n_signals) with a sample put between any two."""
-    return np.stack([signals[:-1], 0.5 * (signals[:-1] + signals[1:])], axis=1).reshape(-1, signals.shape[1])
 
 
 def _known_pieces(reference, u: np.ndarray, sessions) -> Iterator[tuple[slice, np.ndarray]]:

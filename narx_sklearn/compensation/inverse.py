@@ -1,6 +1,5 @@
 """InverseCompensator: a model of the inverse relationship as the compensator (thesis section 4.6)."""
 
-import warnings
 from dataclasses import replace
 from numbers import Integral
 
@@ -9,14 +8,18 @@ import pandas as pd
 from scipy.signal import savgol_filter
 
 from narx_sklearn._validation import as_signals, column_labels, session_slices, signal_names
-from narx_sklearn.compensation._base import Compensator, _static_line
+from narx_sklearn.compensation._base import Compensator
 from narx_sklearn.compensation._defaults import direct_regressors, inverse_regressors
-from narx_sklearn.compensation.choosing import best_of, error_on, fitted_regressor, free_run_criterion
+from narx_sklearn.compensation.choosing import (
+    best_of,
+    fitted_regressor,
+    free_run_criterion,
+    machine_for_rehearsal,
+    recorded_range,
+)
 from narx_sklearn.compensation.derive import inverse_law, smooth_signs
-from narx_sklearn.compensation.law import REFERENCE, CompensationLaw
-from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.compensation.rehearsal import Rehearsal
 from narx_sklearn.model.narx import NARXModel
-from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.simulation import free_run
 
 __all__ = ["InverseCompensator", "smooth_output"]
@@ -24,26 +27,6 @@ __all__ = ["InverseCompensator", "smooth_output"]
 # of the input's deviation: inverse models that err less differ by how they fit the record's own speeds, and
 # those with more lags amplify other ones
 ALIKE = 0.05
-
-
-def _direct_model(u, y, sessions) -> NARXModel | None:
-    """Return the direct model with the best free run, None where none can be had."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it is asked, not used
-        try:
-            model = best_of(
-                direct_regressors(u, y, None),
-                lambda regressor: fitted_regressor(regressor, u, y, sessions).model_,
-                lambda model: free_run_criterion(model, u, y, sessions)[0],
-            )
-        except ValueError:
-            return None
-        return model if np.isfinite(free_run_criterion(model, u, y, sessions)[0]) else None
-
-
-def _straight(intercept: float, slope: float) -> CompensationLaw:
-    """Return the law of a straight line."""
-    return CompensationLaw("explicit", (Polynomial({"1": intercept, f"{REFERENCE}[k]": slope}),))
 
 
 def smooth_output(y, window: int, *, sessions=None) -> np.ndarray:
@@ -108,7 +91,7 @@ class InverseCompensator(Compensator):
         A known inverse model: its output is the machine's input, its input the machine's output. Or an
         estimator with ``model_`` after fit, such as `NARXRegressor`. None identifies several of third
         degree, with hysteresis and without, and a direct model of the machine, on which it takes the law
-        that tracks the record's output at half its speed best.
+        that tracks the record's output, slowed and made smaller, best.
     lead : int, default=2
         :math:`\tau_s`, at least the delay of the machine plus 1.
     denoise : None, int, "model" or estimator, default=None
@@ -136,6 +119,9 @@ class InverseCompensator(Compensator):
         The direct model that denoised the output, if one did.
     law_ : CompensationLaw
         The law (4.29); ``law_.horizon`` is ``lead - 1`` for a model that reads the output from lag 1 on.
+    rehearsal_ : Rehearsal or None
+        How the law did on a model of the machine (``direct_model_``, or one identified for it), beside a
+        straight line of the reference. None without a record. ``str`` tells.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -187,14 +173,17 @@ class InverseCompensator(Compensator):
             raise ValueError(
                 f"lead must be an integer of at least 1 (the machine's delay plus 1), got {self.lead!r}."
             )
-        self.direct_model_ = None
+        self.direct_model_ = self._machine = None
         if isinstance(self.model, NARXModel):
             self.model_ = self.model
         elif X is None or y is None:
             fitted_regressor(self.model, None, None, None)  # says what is missing
         else:
             swapped = self._swap(X, y, sessions)
+            self._machine = self.direct_model_
             if self.model is None:
+                if self._machine is None:
+                    self._machine = machine_for_rehearsal(X, y, sessions, regressors=direct_regressors)
                 self.model_ = self._best_inverse(as_signals(X, "X"), as_signals(y, "y"), sessions, swapped)
             else:
                 self.model_ = fitted_regressor(self.model, *swapped).model_
@@ -217,43 +206,41 @@ class InverseCompensator(Compensator):
         where there is no direct model to be asked.
         """
         output, inputs = as_signals(swapped[0], "X"), as_signals(swapped[1], "y")
-        machine = self.direct_model_ or _direct_model(u, y, sessions)
-        errors: list[float] = []
+        applied = recorded_range(u)
 
         def judge(model):
             self._derive(model)  # raises where there is no law
             return free_run_criterion(model, output, inputs, swapped[2], alike=ALIKE)[0]
 
         def compare(models, criteria):
-            if machine is None:
+            if self._machine is None:
                 return criteria
-            run = free_run(machine, u, y, sessions=sessions).y
-            straight = _straight(*_static_line(u[:, 0], y[:, 0]))
-            laws = [straight, *(self._derive(model) for model in models)]
-            bounded = [replace(law, limits=self._range_of(u)) for law in laws]
-            line, *found = [error_on(machine, law, run, u[:, 0], sessions) for law in bounded]
-            if not np.isfinite([line, *found]).all():  # a model that this drives away is no judge
+            laws = [replace(self._derive(model), limits=applied) for model in models]
+            left = [Rehearsal.of(law, self._machine, u, y, sessions).left for law in laws]
+            if np.isnan(left).any():  # nothing could be rehearsed
                 return criteria
             # a law that runs away by itself, held by the limits alone, comes last whatever it tracks
-            marks = [(np.isinf(c), max(e, ALIKE), c) for e, c in zip(found, criteria, strict=True)]
-            errors.extend((found[marks.index(min(marks))], line))
-            return marks
+            return [(np.isinf(c), max(e, ALIKE), c) for e, c in zip(left, criteria, strict=True)]
 
-        model = best_of(
+        return best_of(
             inverse_regressors(swapped[0], swapped[1], None),
             lambda regressor: fitted_regressor(regressor, *swapped).model_,
             judge,
             compare,
         )
-        if errors and errors[0] > errors[1]:
-            warnings.warn(
-                f"No inverse model serves: on a model of the machine itself the best law leaves "
-                f"{errors[0]:.0%} of a reference's deviation, a straight line of the reference "
-                f"{errors[1]:.0%}. Use RootCompensator, or a longer lead than {self.lead}.",
-                NarxWarning,
-                stacklevel=4,
-            )
-        return model
+
+    def _rehearse(self, data, X, y, sessions):
+        """Rehearse the law on a model of the machine itself, where there is a record to identify it from."""
+        if data is None:
+            return None
+        machine = self._machine or machine_for_rehearsal(X, y, sessions)
+        return None if machine is None else Rehearsal.of(self.law_, machine, data[0], data[1], sessions)
+
+    def _way_out(self) -> str:
+        return (
+            f"Use RootCompensator, or a longer lead than {self.lead}"
+            f"{'' if self.model is None else ', or a model with other lags or fewer terms'}."
+        )
 
     def _swap(self, X, y, sessions):
         """Return the machine's output moved ahead as a frame, its input as a series, and sessions."""

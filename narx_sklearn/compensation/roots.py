@@ -55,6 +55,9 @@ class RootCompensator(Compensator):
     law_ : CompensationLaw
         The law; ``law_.horizon`` is how many samples ahead it reads the reference. Its input is ``m``, its
         reference ``r``; a signal of the model's that is called so, and is neither, gets an underscore.
+    rehearsal_ : Rehearsal or None
+        How the law did on its model, beside a straight line of the reference; ``str`` tells. Where the line
+        gives the recorded input back better than the law, another model is identified and driven instead.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
