@@ -2,14 +2,15 @@
 
 The compensators
     ``roots``, ``isolated``, ``inverse`` and ``physical`` are what users meet; ``_base`` is what they share,
-    ``_defaults`` the models that they identify unasked, of which ``choosing`` takes one. ``beyond`` says
-    where a reference leaves the record; a ``rehearsal`` on a model of the machine, where a straight line does
-    better.
+    ``_defaults`` the models that they identify unasked, of which ``choosing`` takes one. The ``holding``
+    input is where a law begins.
+What is told of a law
+    ``beyond`` says where a reference leaves the record, a ``rehearsal`` on a model of the machine where a
+    straight line does better, ``stability`` whether a law amplifies its errors.
 From a model to a law
     ``derive`` does the algebra, in the ``letters`` of a law.
 The law
-    ``law`` is a value that runs, by ``_kernels``, ``_polynomial_roots`` and ``_user_functions``;
-    ``stability`` tells whether it amplifies its errors.
+    ``law`` is a value that runs, by ``_kernels``, ``_polynomial_roots`` and ``_user_functions``.
 What is done with it
     ``closed_loop`` puts a controller round it, ``tracking`` judges it on a plant.
 C for a controller

@@ -18,7 +18,6 @@ from narx_sklearn._validation import (
     column_labels,
     split_unit,
 )
-from narx_sklearn.compensation._polynomial_roots import WIDEST, held_root
 from narx_sklearn.compensation.beyond import beyond_record
 from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.choosing import (
@@ -30,6 +29,7 @@ from narx_sklearn.compensation.choosing import (
     recorded_range,
 )
 from narx_sklearn.compensation.derive import check_width, static_powers
+from narx_sklearn.compensation.holding import HoldingInput, middle_of_record, static_line
 from narx_sklearn.compensation.law import (
     BRANCHES,
     POLICIES,
@@ -45,15 +45,12 @@ from narx_sklearn.compensation.stability import (
     warn_if_amplifying_at_rest,
     warn_if_run_away,
 )
-from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
-from narx_sklearn.model.terms import Variable
 from narx_sklearn.model.times import step_of_rows
 from narx_sklearn.model.units import compare_units
 
-AT_REST = 0.01  # of the mean step: a record whose input begins with less begins at rest
-SETTLING = 1000  # samples in which a law finds the input that holds the first reference
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
 CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
@@ -102,7 +99,6 @@ class Compensator(BaseEstimator):
         choices = self._choices()
         for name, choice in choices.items():
             check_choice(choice, name, CHOICES[name])
-        self._line = self._middle = None
         data = None
         if X is not None and y is not None:
             check_indexes(X, y)
@@ -115,14 +111,9 @@ class Compensator(BaseEstimator):
         applied = None
         if data is not None:
             applied = parted(data[0], self.model_, getattr(self, "input_name", None))[0]
-            self._line = _static_line(applied, data[1][:, 0])
-        else:
-            self._middle = self._middle_of_record()
         if self.limits is None:
             limits = self._known_range(applied, needed=law.method == "search")
-        self._is_continuum = law.keeps_rest
-        is_equation = isinstance(self.model_, NARXModel)
-        self._static = static_powers(self.model_, self._driving()) if is_equation else None
+        self._held = self._holding(law, applied, None if data is None else data[1][:, 0])
         self._told = self._told_of(y, law)
         self.law_ = replace(
             law, limits=limits, rate_limit=rate_limit, keeps_rest=law.keeps_rest and self.keep_rest, **choices
@@ -167,6 +158,22 @@ class Compensator(BaseEstimator):
 
     def _model_of(self, regressor, X, y, sessions) -> NARXModel:
         return regressor.model_
+
+    def _holding(self, law: CompensationLaw, applied, y) -> HoldingInput:
+        """Return what is known of the inputs that hold the machine: from the record, or the model's own."""
+        model, followed = self.model_, self._followed()
+        points = static = None
+        if isinstance(model, NARXModel):
+            static = static_powers(model, self._driving())
+            if applied is None:
+                points = middle_of_record(model, followed, self._driving())
+        return HoldingInput(
+            signals=(followed, *self._other_inputs(law)),
+            is_continuum=law.keeps_rest,
+            line=None if applied is None else static_line(applied, y),
+            points=points,
+            static=static,
+        )
 
     def _choices(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in CHOICES if hasattr(self, name)}
@@ -216,7 +223,9 @@ class Compensator(BaseEstimator):
         """
         run = self.compensate(X, m_init)
         reference = as_signals(X, "X")
-        begun = m_init is None and self._is_continuum and self._warn_if_begun_beyond(float(reference[0, 0]))
+        begun = (
+            m_init is None and self._held.is_continuum and self._warn_if_begun_beyond(float(reference[0, 0]))
+        )
         if not np.isfinite(
             self.law_.limits
         ).all() and warn_if_run_away(  # else the limits that cut it are told
@@ -360,7 +369,7 @@ class Compensator(BaseEstimator):
         name = self._followed()
         known = model.recorded.get(name), model.recorded_change.get(name)
         reference = as_signals(X, "X")[:, 0]
-        if self._is_continuum and np.all(reference == reference[0]):
+        if self._held.is_continuum and np.all(reference == reference[0]):
             return ""
         return beyond_record(reference, *known)
 
@@ -522,19 +531,10 @@ class Compensator(BaseEstimator):
             return None, None
         return self.model_.recorded.get(self._followed()), self.model_.recorded.get(self._driving())
 
-    def _middle_of_record(self) -> tuple[tuple, tuple] | None:
-        """Return outputs and the inputs that went with them, as far as the model keeps them of its record."""
-        outputs, inputs = self._recorded()
-        if outputs is None or inputs is None:
-            return None
-        names = self._driving(), self._followed()
-        rises = _rises(self.model_, next(name for name in names if name in self.model_.inputs))
-        return None if rises is None else (outputs, inputs if rises else inputs[::-1])
-
     def _warn_if_begun_beyond(self, first: float) -> bool:
         outputs = self._recorded()[0]
         beyond = outputs is not None and not outputs[0] <= first <= outputs[2]
-        if self._line is None and self._middle is None and first != 0.0:
+        if not self._held.is_recorded and first != 0.0:
             warnings.warn(
                 f"The model can rest anywhere and keeps no record that tells which input holds {first:g}, "
                 f"where the reference begins; it begins at an input of {self._first_input(first):g}. Pass "
@@ -565,44 +565,7 @@ class Compensator(BaseEstimator):
 
     def _first_input(self, known) -> float:
         """Return the input that holds the first reference, as far as the law or the record know it."""
-        r = float(np.asarray(known).reshape(-1)[0])
-        low, high = self.law_.limits
-        guess = r
-        if self._line is not None:
-            guess = self._line[0] + self._line[1] * r
-        elif self._middle is not None:
-            guess = float(np.interp(r, *self._middle))
-        guess = float(min(max(guess, low), high))
-        if self._is_continuum:
-            return guess
-        held = self._holding_input(known, guess)
-        if held is not None:
-            return held
-        row = np.asarray(known, dtype=float).reshape(1, -1)
-        settled = self.law_.run(np.repeat(row, SETTLING, axis=0), m=guess).m
-        calm = abs(settled[-1] - settled[-2]) <= 1e-9 * (1.0 + abs(settled[-1]))
-        ran_away = abs(settled[-1]) > WIDEST  # and is kept there, because the next would not be finite
-        return float(settled[-1]) if calm and not ran_away else guess
-
-    def _holding_input(self, known, guess: float) -> float | None:
-        """Return the input at which the model's static equation holds, of several the nearest to a guess.
-
-        Where there is none within the limits it is the one that comes nearest, and None where there is no
-        such equation.
-        """
-        if self._static is None:
-            return None
-        values = np.asarray(known, dtype=float).reshape(-1)
-        names = (self._followed(), *self._other_inputs(self.law_))
-        held = {Variable(name, 0): value for name, value in zip(names, values, strict=True)}
-        c = np.trim_zeros(np.array([float(power(held)) for power in self._static]), "b")
-        low, high = self.law_.limits
-        if c.size < 2 or not np.isfinite(c).all():
-            return None
-        if self._line is None and self._middle is None:
-            guess = float(min(max(0.0, low), high))  # the reference's number says nothing of an input
-        too_low = -float(np.polynomial.polynomial.polyval(guess, c))
-        return held_root(c, low, high, guess, too_low * BRANCHES[self.law_.branch])
+        return self._held.at(known, self.law_)
 
     def _usual_inputs(self, reference: np.ndarray, m_init) -> list[float]:
         """Return the input before the first sample, and between which inputs a reference is usually followed.
@@ -668,21 +631,6 @@ class Compensator(BaseEstimator):
             self.reset()
 
 
-def _rises(model: NARXModel, name: str) -> bool | None:
-    """Tell whether a model's output rises with an input over the latter's recorded range; None if unknown."""
-    n_samples = max(SETTLING, model.max_lag + 2)
-    mean = {s: model.recorded.get(s, (0.0, 0.0, 0.0))[1] for s in model.outputs + model.inputs}
-    X = np.tile([mean[s] for s in model.inputs], (n_samples, 1))
-    least, _, most = model.recorded[name]
-    X[:, model.inputs.index(name)] = np.linspace(least, most, n_samples)
-    y_init = np.tile([mean[s] for s in model.outputs], (n_samples, 1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DivergenceWarning)  # a run that is lost tells nothing
-        run = free_run(model, X, y_init)
-    moved = run.y[-1, 0] - run.y[0, 0]
-    return bool(moved > 0) if run.stopped_at is None and moved != 0 else None
-
-
 def _check_is_no_simulator(model: Any) -> None:
     """Refuse what can be simulated but is no NARX model, and say how to get one from it."""
     kind = type(model).__name__
@@ -703,22 +651,6 @@ def _check_finite(**values) -> None:
     for name, value in values.items():
         if not np.all(np.isfinite(value)):
             raise ValueError(f"{name} must be finite, got {value!r}; a machine cannot have been held there.")
-
-
-def _static_line(u: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the line of the input over the output, as intercept and slope.
-
-    It goes through the first sample where the record begins at rest, else through the mean: a sample in
-    motion may lie anywhere in the loop, and where it is the record's first one even outside.
-    """
-    known = np.isfinite(u) & np.isfinite(y)
-    if known.sum() < 2 or np.ptp(y[known]) == 0.0:
-        return float(np.mean(u[known])) if known.any() else 0.0, 0.0
-    slope = np.cov(u[known], y[known])[0, 1] / np.var(y[known], ddof=1)
-    steps = np.abs(np.diff(u[known]))
-    at_rest = steps[0] <= AT_REST * np.mean(steps)
-    u_held, y_held = (u[known][0], y[known][0]) if at_rest else (np.mean(u[known]), np.mean(y[known]))
-    return float(u_held - slope * y_held), float(slope)
 
 
 __all__ = ["Compensator", "LawState"]
