@@ -220,3 +220,15 @@ def test_the_command_line_tells_of_an_inverse_that_is_worse_than_a_line(tmp_path
     said = capsys.readouterr().err
     assert said.count("no better than a straight line") == 1
     assert "this reference; the straight line" in said
+
+
+@pytest.mark.parametrize(("structure", "is_told"), [("hysteresis", True), ("rate_independent", False)])
+def test_identify_tells_of_a_structure_whose_law_is_worse_than_a_line(
+    valve, tmp_path, capsys, structure, is_told
+):
+    X, y = valve
+    pd.DataFrame({"u": X[:, 0], "y": y}).to_csv(tmp_path / "record.csv", index=False)
+    assert main(["identify", str(tmp_path / "record.csv"), "--structure", structure, "--quiet"]) == 0
+    said = capsys.readouterr().err
+    assert ("no better than a straight line of the reference (it" in said) is is_told
+    assert ("take --structure rate_independent" in said) is is_told

@@ -1,6 +1,7 @@
 """``narx-sklearn identify``."""
 
 import json
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,9 @@ from narx_sklearn.cli._columns import Recording, last_part, read_recordings, wit
 from narx_sklearn.cli._errors import DataError, UsageError
 from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import c_prefix, say, tell_notes, write_json
-from narx_sklearn.compensation import RootCompensator, model_c_source
+from narx_sklearn.compensation import RootCompensator, UnreachableWarning, model_c_source
 from narx_sklearn.compensation._defaults import RESTING_LAGS
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one_step
@@ -102,10 +104,24 @@ def _with_law(X: pd.DataFrame, y: pd.Series, sessions, common: dict) -> NARXRegr
     Models that rest anywhere are there to be compensated, and the lags decide whether that can be done.
     """
     regressors = [NARXRegressor(*lags, phi_lags=lags[1], **common) for lags in RESTING_LAGS]
+    compensator = RootCompensator(regressors)
     try:
-        return RootCompensator(regressors).fit(X, y, sessions=sessions).regressor_
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnreachableWarning)  # of the law, which is told of here
+            compensator.fit(X, y, sessions=sessions)
     except ValueError:  # none of them has a law
         return regressors[-1].fit(X, y, sessions=sessions)
+    worst = None if compensator.rehearsal_ is None else compensator.rehearsal_.worst
+    if worst is not None and worst.is_worse:
+        warnings.warn(
+            "The law that compensates by this model does no better than a straight line of the reference (it "
+            f"leaves {worst.law:.0%} of the deviation of {worst.reference}, the line {worst.line:.0%}). To "
+            "compensate take --structure rate_independent or other lags, or `compensate --record`, which "
+            "tries several models.",
+            NarxWarning,
+            stacklevel=2,
+        )
+    return compensator.regressor_
 
 
 def _resting(X: pd.DataFrame) -> dict:
