@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.experiment import design_experiment
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.fitting.start import fit_initial_states, states_along
+from narx_sklearn.discrepancy.fitting.start import fit_initial_states, fit_where_followed, states_along
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.records.checks import check_record
@@ -334,3 +334,49 @@ def short_over(lost, short):
     """Return the effects of a diagnosis fitted over the windows of another."""
     x0 = short.problem.run(short.best.fit.model).x[lost.problem.windows.first]
     return Candidate(fit(lost.problem, short.best.fit.model._replace(x0=x0)), lost.problem.n_seen)
+
+
+def running_away(x, u, p):
+    """At rest where x - p x^3 = u, the largest of which is 2 / sqrt(27 p): with more it runs away."""
+    return (p[0] * x[0] ** 3 - x[0] + u[0],)
+
+
+class TestRunsThatAreLost:
+    """The machine stays with inputs up to 0.5, and would to 0.54; as simulated it runs away from 0.31 on."""
+
+    def problem(self, nominal=1.5, noise=0.001):
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(-0.5, 0.5, 20), 50)[:, None]
+        machine, simulator = (
+            ODESimulator(running_away, dt=0.1, parameters={"p": p}, states=["x"], inputs=["u"])
+            for p in (0.5, nominal)
+        )
+        y = machine.simulate(u) + noise * rng.standard_normal(u.shape)
+        windows = cut([(slice(0, len(u)), 0)], 50, 8)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([noise])))
+        return problem, Model(simulator.nominal, (), y[windows.first])
+
+    def test_windows_that_follow_the_machine_lead_a_fit_that_is_lost_in_others(self):
+        problem, start = self.problem()
+        lost = np.isnan(problem.run(start).y[problem.rows]).any(axis=(1, 2))
+        assert 0 < lost.sum() < problem.windows.count / 2
+        assert not np.isfinite(fit(problem, start).cost)
+        found = fit_where_followed(problem, start)
+        assert found.model.p == pytest.approx([0.5], rel=0.01)
+        assert found.cost == pytest.approx(problem.n_seen, rel=0.15)
+
+    def test_a_fit_that_follows_the_machine_everywhere_is_left_as_it_is(self):
+        problem, start = self.problem(nominal=0.4)
+        np.testing.assert_array_equal(fit_where_followed(problem, start).model.p, fit(problem, start).model.p)
+
+    def test_nothing_leads_where_no_window_follows_the_machine(self):
+        problem, start = self.problem(nominal=1e9)
+        found = fit_where_followed(problem, start)
+        assert found.cost == np.inf
+        assert found.model.p == [1e9]
+
+    def test_a_diagnosis_begins_so(self):
+        problem, _ = self.problem()
+        settings = Settings((), 0.005, 2, 4, 50, 0, None, lambda stage: None)
+        begun = begin(problem.simulator, problem.u, problem.y, [(slice(0, len(problem.y)), 0)], settings)
+        assert begun.refitted.model.p == pytest.approx([0.5], rel=0.01)

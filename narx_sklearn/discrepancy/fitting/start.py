@@ -3,10 +3,10 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem, measured_states
-from narx_sklearn.discrepancy.fitting.refit import Fit, fit_states
-from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, covered
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
+from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure, find_structure
-from narx_sklearn.discrepancy.simulators.windows import cut, shortest_window
+from narx_sklearn.discrepancy.simulators.windows import chosen_of, cut, shortest_window
 
 ITERATIONS = 10  # of a fit of initial states alone
 ASTRAY = 100.0  # times an output's spread, by which a run has lost the recording
@@ -45,11 +45,16 @@ def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
 
 def _followed(simulator: Simulator, u, y, windows: Windows, x0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the states of a run, (n_samples, n_states), and where in its windows it is lost."""
-    run, rows = simulator.run(u, windows, x0), covered(windows)
+    run = simulator.run(u, windows, x0)
+    return run.x, _is_lost(run, y, covered(windows))
+
+
+def _is_lost(run: Run, y: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Tell at which samples a run has lost the recording, or left the finite range."""
     spread = np.nanstd(y, axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         far = np.abs(run.y - y)[rows] > ASTRAY * np.where(spread > 0, spread, np.inf)
-    return run.x, far.any(axis=1) | ~np.isfinite(run.x[rows]).all(axis=1)
+    return far.any(axis=-1) | ~np.isfinite(run.x[rows]).all(axis=-1)
 
 
 def guess_states(
@@ -77,3 +82,24 @@ def fit_initial_states(problem: Problem, x0: np.ndarray) -> Fit:
         smoothed = fit_states(problem, model._replace(effects=smooth), iterations=ITERATIONS)
         model = model._replace(x0=smoothed.model.x0)
     return fit_states(problem, model, iterations=ITERATIONS)
+
+
+def fit_where_followed(problem: Problem, model: Model, *, n_jobs: int | None = None) -> Fit:
+    """Fit a model; where a window's run leaves the finite range, by the windows that follow the record first.
+
+    One such window makes the error infinite, whatever all others tell of the parameters. Nearer to the right
+    ones the machine is followed in more of them, until it is in all.
+    """
+    found = fit(problem, model, n_jobs=n_jobs)
+    n_followed = 0
+    while not np.isfinite(found.cost):
+        run = problem.run(model)
+        lost = _is_lost(run, problem.y, problem.rows) | ~np.isfinite(run.y[problem.rows]).all(axis=2)
+        followed = np.flatnonzero(~(lost & problem.inside).any(axis=1))
+        if followed.size <= n_followed:
+            break
+        n_followed = followed.size
+        part = problem.over(chosen_of(problem.windows, followed))
+        model = model._replace(p=fit(part, model._replace(x0=model.x0[followed]), n_jobs=n_jobs).model.p)
+        found = fit(problem, model, n_jobs=n_jobs)
+    return found

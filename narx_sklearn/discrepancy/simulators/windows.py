@@ -90,7 +90,11 @@ def spread_out(windows: Windows, most: int = LONGEST) -> Windows:
     if lengths.sum() <= most:
         return windows
     count = max(1, int(most // lengths.mean()))
-    chosen = np.unique(np.linspace(0, windows.count - 1, count).round().astype(int))
+    return chosen_of(windows, np.unique(np.linspace(0, windows.count - 1, count).round().astype(int)))
+
+
+def chosen_of(windows: Windows, chosen: np.ndarray) -> Windows:
+    """Return some of the windows, by their numbers in order."""
     fresh = windows.fresh[chosen]
     fresh |= np.diff(chosen, prepend=-2) > 1  # nothing is carried over from a window left out
     return Windows(windows.first[chosen], windows.last[chosen], fresh, windows.began[chosen])

@@ -8,7 +8,12 @@ from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
-from narx_sklearn.discrepancy.fitting.start import fit_initial_states, guess_states, states_along
+from narx_sklearn.discrepancy.fitting.start import (
+    fit_initial_states,
+    fit_where_followed,
+    guess_states,
+    states_along,
+)
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
@@ -81,7 +86,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
         )
     problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), structure.rates)
     settings.tell("fit of the simulator's own parameters")
-    refitted = fit(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
+    refitted = fit_where_followed(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
     begun = _Fitted(problem, refitted, length)
     if settings.window is None:
         begun = _led(begun, pieces, shortest, structure, x, settings.n_jobs)
@@ -203,10 +208,10 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
     from it.
     """
     now = problem.over(shorter[0])
-    found = fit(now, _as_it_stands(now, structure, x))
+    found = fit_where_followed(now, _as_it_stands(now, structure, x))
     for windows in (*shorter[1:], problem.windows):
         longer = problem.over(windows)
-        found = fit(longer, found.model._replace(x0=states_at(now, found, windows)))
+        found = fit_where_followed(longer, found.model._replace(x0=states_at(now, found, windows)))
         now = longer
     return found
 
@@ -222,7 +227,7 @@ def _shortened(
     for windows in reversed(shorter):
         part = problem.over(windows)
         led = fit(part, found.model._replace(x0=states_at(problem, found, windows)))
-        from_afar = fit(part, _as_it_stands(part, structure, x))
+        from_afar = fit_where_followed(part, _as_it_stands(part, structure, x))
         if from_afar.cost <= TRAPPED * led.cost:
             break
     return _Fitted(part, min(led, from_afar, key=lambda fitted: fitted.cost), part.windows.length)
