@@ -16,7 +16,7 @@ from small_machines import held_growing, make_axis, make_growing
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.report_text import report_text
+from narx_sklearn.discrepancy.report_text import noise_in_words, report_text
 from narx_sklearn.discrepancy.stages.refuted import LeftByForm
 from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
@@ -458,3 +458,19 @@ def test_each_finding_has_its_own_curve_whatever_acts_first(case):
     found = _what(told, gather(told, u, y))
     assert [one["title"] for one in found] == ["The heavier", "The lighter"]
     assert ["another argument" in one["bins"].header[0] for one in found] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "deviation", "told"),
+    [
+        ([], 0.0, 0.2, "0.2, white"),
+        ([0.1], 0.0, 0.2001, "0.2, next to white, order 1"),
+        ([0.97], 0.96, 0.20004, "0.2, next to white, with a slow part"),
+        ([0.97], 0.5, 0.4, "0.4, 0.2 of it new in each sample, coloured, with a slow part"),
+        ([0.995], 0.99, 0.2001, "0.2, 0.2 of it new in each sample, drifting"),
+        ([1.0], 0.9, np.inf, "0.2 new in each sample, drifting"),
+    ],
+)
+def test_noise_is_coloured_where_its_colour_adds_to_its_size(a, b, deviation, told):
+    noise = {"sigma": 0.2, "deviation": deviation, "autoregression": a, "moving_average": b}
+    assert noise_in_words(noise) == told

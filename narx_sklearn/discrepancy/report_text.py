@@ -24,6 +24,7 @@ from narx_sklearn.model.units import in_seconds, rounded
 WANDERS = 3.0  # times what noise about a level leaves, that nothing but noise may leave unsaid
 ADDS_UP = 3.0  # times what a corrected simulation leaves in windows, that a whole run may leave unsaid
 A_FACTOR = 0.05  # relative: changes of parameters as near to each other are by one factor
+DRIFTS = 0.99  # of what noise was a sample ago: what keeps more of it drifts
 FEWEST_DIGITS, MOST_DIGITS = 4, 8  # with which a number is written
 
 
@@ -404,16 +405,33 @@ def how_it_extrapolates(dx) -> str:
 
 
 def _noise(dx) -> list[str]:
-    lines = ["Noise estimated on:"]
-    for name, noise in dx.noise_.items():
-        colour = "white"
-        if noise["moving_average"]:
-            colour = "drifting" if noise["autoregression"][0] > 0.99 else "coloured, with a slow part"
-        elif noise["autoregression"]:
-            colour = f"coloured, order {len(noise['autoregression'])}"
-        new = f"{noise['sigma']:.3g}"
-        size = new if colour == "white" else f"{noise['deviation']:.3g}, {new} of it new in each sample"
-        if not np.isfinite(noise["deviation"]):
-            size = f"{new} new in each sample"
-        lines.append(f"   {name}: {size}, {colour}")
-    return lines
+    return ["Noise estimated on:", *(f"   {name}: {noise_in_words(n)}" for name, n in dx.noise_.items())]
+
+
+def noise_in_words(noise: dict) -> str:
+    """Return how large the noise of an output is, and of which colour.
+
+    Colour that adds nothing to its size, as it is written, is next to none.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.report_text import noise_in_words
+    >>> noise_in_words({"sigma": 0.2, "deviation": 0.5, "autoregression": [0.9], "moving_average": 0.0})
+    '0.5, 0.2 of it new in each sample, coloured, order 1'
+    >>> noise_in_words({"sigma": 0.2, "deviation": 0.2001, "autoregression": [0.9], "moving_average": 0.9})
+    '0.2, next to white, with a slow part'
+    """
+    new, whole = f"{noise['sigma']:.3g}", f"{noise['deviation']:.3g}"
+    order = len(noise["autoregression"])
+    if not order and not noise["moving_average"]:
+        return f"{new}, white"
+    kind = "with a slow part" if noise["moving_average"] else f"order {order}"
+    if noise["moving_average"] and noise["autoregression"][0] > DRIFTS:
+        colour = "drifting"
+    elif whole == new:
+        return f"{new}, next to white, {kind}"
+    else:
+        colour = f"coloured, {kind}"
+    if not np.isfinite(noise["deviation"]):
+        return f"{new} new in each sample, {colour}"
+    return f"{whole}, {new} of it new in each sample, {colour}"
