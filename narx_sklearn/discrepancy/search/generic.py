@@ -82,7 +82,7 @@ TITLES = {
     STORED: "an inertia, or whatever takes up what drives this equation, that changes",
     STORED_BY_SQUARE: "an inertia, or whatever takes up what drives this equation, that changes",
     INVERSE: "an inverse power that the catalogue does not hold",
-    VARYING: "a parameter that depends on a signal",
+    VARYING: "a change that is not simulated",
     WORKED: "a gain that depends on what went before",
     WORKED_BY_SQUARE: "a gain that depends on what went before",
     TWO_SPEEDS: "a lag that is slower one way",
