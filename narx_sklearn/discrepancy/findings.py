@@ -36,6 +36,7 @@ ROUNDING = 1e-9  # of the same
 COARSE = 3.0  # times as large as between exact forms must a difference of the criterion be
 RULED = 1.0  # difference of the criterion that the rules of naming are worth
 PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless, as measured
+NO_RESONANCE = np.sqrt(0.5)  # damping ratio, from which a mode has none: it follows, and does not swing
 HOUR = 3600.0  # seconds, from which a period is told in hours too
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
@@ -395,7 +396,10 @@ def seen_in_words(placed: PlacedEffect) -> str:
 
 
 def period_in_words(placed: PlacedEffect) -> str:
-    """Return how long a period takes of what swings in time; empty for what does not.
+    """Return how long a period takes of what swings, or how fast what is damped follows; else nothing.
+
+    A mode has a resonance where its damping ratio is below the root of a half. Beyond that it follows
+    with the time constant of its slowest pole.
 
     Examples
     --------
@@ -408,14 +412,21 @@ def period_in_words(placed: PlacedEffect) -> str:
     'One period takes 0.02 s.'
     >>> period_in_words(PlacedEffect(hum, Port("state", 1), theta=(0.2, 2 * np.pi / 86400, 0.0)))
     'One period takes 86400 s (24 h).'
+    >>> mode = CATALOGUE["extra_mode"]  # with poles at -2 and -50 rad/s
+    >>> period_in_words(PlacedEffect(mode, Port("state", 1), theta=(1.0, 10.0, 2.6)))
+    'It follows with a time constant of 0.5 s.'
     """
-    theta = placed.own_theta
-    swings = [w for p, w in zip(placed.effect.parameters, theta, strict=True) if p.unit == "rad/s" and w > 0]
-    if not swings:
+    values = dict(zip(placed.effect.parameters, map(float, placed.own_theta), strict=True))
+    w = next((value for p, value in values.items() if p.unit == "rad/s"), 0.0)
+    if not w > 0:
         return ""
-    period = 2 * np.pi / float(swings[0])
-    hours = f" ({period / HOUR:.4g} h)" if period >= HOUR else ""
-    return f"One period takes {in_seconds(period, 4)}{hours}."
+    zeta = next((value for p, value in values.items() if p.name == "zeta"), 0.0)
+    pole = w * np.sqrt(complex(zeta**2 - 1.0)) - w * zeta  # the slower one, where they are real
+    swings = zeta < NO_RESONANCE
+    time = 2 * np.pi / pole.imag if swings else -1.0 / pole.real
+    hours = f" ({time / HOUR:.4g} h)" if time >= HOUR else ""
+    said = "One period takes" if swings else "It follows with a time constant of"
+    return f"{said} {in_seconds(time, 4)}{hours}."
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:
