@@ -763,6 +763,14 @@ class TestTransforms:
         np.testing.assert_allclose(late[5:], signal[:-5], atol=1e-12)
         np.testing.assert_allclose(late[:5], signal[0])
 
+    @pytest.mark.parametrize("whole", range(20))
+    def test_a_delay_of_a_held_command_worked_by_hand_at_its_beginning(self, whole):
+        """Three tenths of a step are still as before the record, at half of the first value, 2."""
+        signal = np.full(24, 2.0)
+        mean, rise = CATALOGUE["delay"].held(signal, 0.1, [0.1 * (whole + 0.3), 0.5], [0])
+        np.testing.assert_allclose(mean, [1.0] * whole + [1.7] + [2.0] * (23 - whole), rtol=1e-12)
+        np.testing.assert_allclose(rise[whole], 6 * 0.3 * 0.7 * (2.0 - 1.0), rtol=1e-12)
+
     @pytest.mark.parametrize(
         ("code", "theta", "form"),
         [("delay", 5 * DT, []), ("lag", 0.3, [0.0]), ("lag", 0.3, [1.0]), ("rate_limit", 2.0, [])],

@@ -22,17 +22,23 @@ LIGHT = 0.1  # damping ratio from which modes are tried: half as wide as BAND is
 
 
 def _delay_transform(signal, second, dt, theta, first):
-    """Interpolate between samples; before its first value a piece was at that, less a share of it."""
-    time = time_since(first, signal.size, dt)
-    began = np.flatnonzero(time == 0)
+    """Interpolate between samples."""
+    return _shifted(signal, theta[0] / dt, theta[1], first)
+
+
+def _shifted(signal, late, lacking, first):
+    """Return a signal some samples late; before its first value a piece was at that, less a share of it.
+
+    Counted in samples: in seconds rounding would choose whether one at the very beginning lies before it.
+    """
+    age = time_since(first, signal.size, 1.0)
+    began = np.flatnonzero(age == 0)
     out = np.array(signal, dtype=float)
     for a, b in zip(began, [*began[1:], signal.size], strict=True):
-        good = np.flatnonzero(np.isfinite(signal[a:b]))
+        good = a + np.flatnonzero(np.isfinite(signal[a:b]))
         if good.size:
-            before = signal[a + good[0]] * (1.0 - theta[1])
-            out[a + good] = np.interp(
-                time[a + good] - theta[0], time[a + good], signal[a + good], left=before
-            )
+            before = signal[good[0]] * (1.0 - lacking)
+            out[good] = np.interp(age[good] - late, age[good], signal[good], left=before)
     return out
 
 
@@ -61,11 +67,8 @@ def _parabola(share, begin, middle, end):
 
 def _delay_held(signal, dt, theta, first):
     """Hold what came last until a fraction f of the step has passed."""
-    f = theta[0] / dt % 1.0
-    whole = theta[0] - f * dt
-    last, one_before = (
-        _delay_transform(signal, None, dt, (late, theta[1]), first) for late in (whole, whole + dt)
-    )
+    f, whole = np.modf(theta[0] / dt)
+    last, one_before = (_shifted(signal, late, theta[1], first) for late in (whole, whole + 1.0))
     return last + f * (one_before - last), 6.0 * f * (1.0 - f) * (last - one_before)
 
 
