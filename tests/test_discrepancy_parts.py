@@ -237,7 +237,7 @@ class TestFit:
     def test_a_parameter_that_is_hardly_felt_keeps_no_other_from_being_fitted(self, seed):
         """How far a fast drive lacks its first command is over within one of two thousand samples."""
         driven = ODESimulator(cart, parameters={"gain": 2.0, "damping": 1.0}, **ABOUT)
-        limit = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(300.0, 0.0))
+        limit = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(300.0, 0.0, 0.0))
         rng = np.random.default_rng(seed)
         u = 1.0 + rng.normal(size=(2000, 1))
         true = driven.with_effects([limit])
@@ -245,7 +245,7 @@ class TestFit:
         windows = cut([(slice(0, 2000), 0)], 500, 8)
         y = run.y + 1e-5 * rng.normal(size=(2000, 1))
         problem = Problem(driven, u, y, windows, Noise.white(np.array([1e-5])))
-        start = Model(driven.nominal, (limit.at((180.0, 0.0)),), run.x[windows.first])
+        start = Model(driven.nominal, (limit.at((180.0, 0.0, 0.0)),), run.x[windows.first])
         assert fit(problem, start).model.effects[0].theta[0] == pytest.approx(300.0, rel=0.05)
 
 

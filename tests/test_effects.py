@@ -610,7 +610,8 @@ class TestTransforms:
             ("input_saturation", [-1e9, 1e9, 0.0]),
             ("input_saturation", [-1e9, 1e9, 3.0]),
             ("sensor_clip", [-1e9, 1e9]),
-            ("rate_limit", [1e9, 0.0]),
+            ("rate_limit", [1e9, 0.0, 0.0]),
+            ("rate_limit", [1e9, 0.0, 1.0]),
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
@@ -639,7 +640,8 @@ class TestTransforms:
         [
             ("backlash", [1.0, 0.3, 0.0, 0.0]),
             ("valve_stiction", [0.6, 0.5, 0.5, 0.0]),
-            ("rate_limit", [0.5, 0.0]),
+            ("rate_limit", [0.5, 0.0, 0.0]),
+            ("rate_limit", [0.5, 0.0, 1.0]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0]),
@@ -661,10 +663,15 @@ class TestTransforms:
         assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
         assert transformed("input_polynomial", [2.0], [0.5, 0.25, 0.0]).tolist() == [6.0]
         assert transformed("input_polynomial", [3.0], [0.5, 0.25, 1.0]).tolist() == [7.0]
-        assert transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4, 0.0], dt=1.0).tolist() == pytest.approx(
+        ramps, ends = (
+            transformed("rate_limit", [0.0, 1.0, 1.0, 0.0], [0.4, 0.0, of_code], dt=1.0)
+            for of_code in (0.0, 1.0)
+        )
+        assert ramps.tolist() == pytest.approx(
             [0.0, 0.2, 0.6, 0.6]  # means of ramps from 0 to 0.4, 0.4 to 0.8, 0.8 to 0.4
         )
-        from_rest = transformed("rate_limit", [1.0, 1.0, -1.0, -1.0], [0.4, 1.0], dt=1.0, first=[0, 2])
+        np.testing.assert_allclose(ends, [0.0, 0.4, 0.8, 0.4], rtol=1e-15)
+        from_rest = transformed("rate_limit", [1.0, 1.0, -1.0, -1.0], [0.4, 1.0, 0.0], dt=1.0, first=[0, 2])
         np.testing.assert_allclose(from_rest, [0.2, 0.6, -0.2, -0.6], rtol=1e-15)
         halved = [0.5, 1 / np.log(2.0), 3.0]  # half way after a second
         drifted = transformed("gain_drift", [1.0, 1.0, 1.0], halved, dt=1.0, first=[0, 2])
@@ -773,7 +780,7 @@ class TestTransforms:
 
     @pytest.mark.parametrize(
         ("code", "theta", "form"),
-        [("delay", 5 * DT, []), ("lag", 0.3, [0.0]), ("lag", 0.3, [1.0]), ("rate_limit", 2.0, [])],
+        [("delay", 5 * DT, []), ("lag", 0.3, [0.0]), ("lag", 0.3, [1.0]), ("rate_limit", 2.0, [0.0])],
     )
     def test_what_follows_late_may_be_at_rest_at_zero_when_a_record_begins_with_a_step(
         self, code, theta, form
@@ -838,7 +845,8 @@ class TestTransforms:
             (_creep_run, (DT, 0.5)),
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
-            (_rate_limit_run, (0.05, 0.8)),
+            (_rate_limit_run, (0.05, 0.8, 0.0)),
+            (_rate_limit_run, (0.05, 0.8, 1.0)),
             (_average_run, (0.9, 0.3, 1)),
             (_average_run, (0.9, 0.3, 0)),
             (_following_run, (*SWINGING, 0.3)),
@@ -1301,8 +1309,9 @@ class TestStarts:
     def test_a_limit_that_acts_within_one_sample_is_among_the_starts(self):
         signal = wideband()
         fastest = np.abs(np.diff(signal)).max() / DT
-        limits = CATALOGUE["rate_limit"].starts(setting_of(signal))[:, 0]
+        limits, _, of_code = CATALOGUE["rate_limit"].starts(setting_of(signal)).T
         assert limits.min() < fastest < limits.max()
+        assert np.all(limits[of_code == 1.0] < fastest)  # a faster one of code changes nothing
 
 
 def a_magnet(argument, rate, own, second, time, step, z, theta, dz):
@@ -1401,6 +1410,8 @@ class TestRegistry:
             ({"begin": 1}, "begin must index"),
             ({"power": 3.0}, r"power must be Power\(exponent, odd\)"),
             ({"form": 1}, "form must index"),
+            ({"choice": 1}, "choice must index"),
+            ({"choice": 0}, "parameter 'a' has no finite bounds"),
             ({"reach": -1}, "reach must index"),
             ({"phase": 2}, "phase must index"),
             ({"references": [0]}, "references must be a tuple of indices of its 1 parameters"),

@@ -24,12 +24,12 @@ def commands(n, seed):
 
 
 def test_memories_begin_in_the_middle_and_what_happened_once_is_over():
-    limit = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.2, 3.0))
+    limit = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.2, 3.0, 0.0))
     play = PlacedEffect(CATALOGUE["backlash"], Port("state", 1), onward=0, theta=(1.0, 0.1, 0.0, -0.7, 0.5))
     held = PlacedEffect(CATALOGUE["stuck_sensor"], Port("output", 0), theta=(3.0, 1.0, 0.0))
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.1,))
     others = for_other_records([limit, play, held, load])
-    assert [e.theta for e in others] == [(0.2, 0.0), (1.0, 0.1, 0.0, 0.0, 0.5), (0.1,)]
+    assert [e.theta for e in others] == [(0.2, 0.0, 0.0), (1.0, 0.1, 0.0, 0.0, 0.5), (0.1,)]
 
 
 @pytest.mark.long
@@ -37,7 +37,7 @@ def test_a_drive_that_lagged_when_the_record_began_does_not_in_another():
     """It stood elsewhere before a first command next to zero, so a multiple of that was lacking."""
     u = commands(1600, 0)
     u[:40] = 0.05
-    begun = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.15, -6.0))
+    begun = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.15, -6.0, 0.0))
     rng = np.random.default_rng(1)
     y = simulator().with_effects([begun]).simulate(u)[:, 0]
     y += 0.002 * y.std() * rng.normal(size=y.size)
@@ -55,13 +55,13 @@ def test_a_drive_that_lagged_when_the_record_began_does_not_in_another():
 def test_a_drive_that_began_at_rest_in_several_sessions_does_so_in_another():
     u = np.concatenate([0.3 + commands(400, seed) for seed in range(4)])
     sessions = np.repeat(range(4), 400)
-    begun = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.15, 1.0))
+    begun = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.15, 1.0, 0.0))
     y = simulator().with_effects([begun]).simulate(u, sessions=sessions)[:, 0]
     y += 0.005 * y.std() * np.random.default_rng(1).normal(size=y.size)
     dx = DiscrepancyRegressor(simulator(), effects=["rate_limit", "lag", "input_saturation"])
     dx.fit(u, y, sessions=sessions)
     (limit,) = dx.simulator_.effects
-    assert limit.theta == pytest.approx((0.15, 1.0), rel=0.1)
+    assert limit.theta == pytest.approx((0.15, 1.0, 0.0), rel=0.1)
     other = 0.5 + commands(400, 7)
     truth = simulator().with_effects([begun]).simulate(other)
     assert np.std(dx.simulator_.simulate(other) - truth) < 0.02 * np.std(truth)

@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.search.members import by_weight, without_idle
 from narx_sklearn.discrepancy.search.ranking import leaders
+from narx_sklearn.discrepancy.search.valleys import other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -67,7 +68,7 @@ class TestByWeight:
             CATALOGUE["gain_drift"], Port("input", 0), theta=(0.2, 0.5, 0.0), argument_name="force"
         )
         limit = PlacedEffect(
-            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 0.0), argument_name="force"
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 0.0, 0.0), argument_name="force"
         )
         problem, start = axis_problem([gain, limit])
         runs = [problem.run(start._replace(effects=e)).y for e in ((gain, limit), (limit, gain))]
@@ -185,12 +186,25 @@ class TestUnseenPlace:
 class TestRateLimit:
     def test_a_drive_that_is_not_yet_where_it_is_told_to_be_is_fitted(self):
         resting = PlacedEffect(
-            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 1.0), argument_name="force"
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 1.0, 0.0), argument_name="force"
         )
         problem, start = axis_problem([resting])
-        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.0])),)))
-        assert found.model.effects[0].theta == pytest.approx((0.5, 1.0), rel=0.05)
-        assert Candidate(found, problem.n_seen).n_values == 3  # where it began has no price
+        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.0, 0.0])),)))
+        assert found.model.effects[0].theta == pytest.approx((0.5, 1.0, 0.0), rel=0.05)
+        assert Candidate(found, problem.n_seen).n_values == 3  # where it began, and its form, have no price
+
+    def test_a_limit_of_code_is_told_from_one_of_parts(self):
+        """Half a step lies between their ramps; no fit goes there, but it is tried from the other one."""
+        digital = PlacedEffect(
+            CATALOGUE["rate_limit"], Port("input", 0), theta=(5.0, 0.0, 1.0), argument_name="force"
+        )
+        problem, start = axis_problem([digital])
+        of_parts = fit(problem, start._replace(effects=(digital.at(np.array([4.0, 0.0, 0.0])),)))
+        assert of_parts.model.effects[0].theta[2] == 0.0
+        found = other_valleys(problem, of_parts)
+        r, _, d = found.model.effects[0].theta
+        assert (r, d) == pytest.approx((5.0, 1.0), rel=0.02)
+        assert Candidate(found, problem.n_seen).n_values == 3  # how it is built is no further law
 
 
 class TestLag:

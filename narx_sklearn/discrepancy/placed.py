@@ -181,6 +181,8 @@ class PlacedEffect:
     def domain(self) -> np.ndarray:
         """Lower and upper bounds of ``theta`` on any record, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
+        if (chosen := self.effect.choice) is not None and self.theta:
+            limits[chosen] = (self.theta[chosen],) * 2
         if self.port.kind == "input":
             given = [p.at_input for p in self.effect.parameters]
             limits = [

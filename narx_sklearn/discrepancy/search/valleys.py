@@ -39,7 +39,8 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
 
 def may_lie_elsewhere(placed: PlacedEffect) -> bool:
     """Tell whether other values of an effect are worth a try, since its cost has no slope towards them."""
-    return bool(placed.effect.valleys or placed.effect.instants or _limits_an_input(placed))
+    is_chosen = placed.effect.choice is not None
+    return bool(is_chosen or placed.effect.valleys or placed.effect.instants or _limits_an_input(placed))
 
 
 def _limits_an_input(placed: PlacedEffect) -> bool:
@@ -49,6 +50,8 @@ def _limits_an_input(placed: PlacedEffect) -> bool:
 def _tried_round(problem: Problem, placed: PlacedEffect, octaves: float) -> np.ndarray:
     if placed.effect.instants:
         return moved_in_time(placed, problem.simulator.dt)
+    if placed.effect.choice is not None:
+        return at_other_end(placed, placed.effect.choice)
     if _limits_an_input(placed):
         return levels_in_sight(placed, problem.u[problem.rows[problem.inside], placed.port.index])
     return spread_round(placed, octaves)
@@ -71,6 +74,13 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
         ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
     )
     return np.clip(moved, lower, upper)
+
+
+def at_other_end(placed: PlacedEffect, chosen: int) -> np.ndarray:
+    """Return values with the one that is chosen at the other end of its range."""
+    parameter, other = placed.effect.parameters[chosen], np.array(placed.theta)
+    other[chosen] = parameter.lower + parameter.upper - other[chosen]
+    return other[None]
 
 
 def levels_in_sight(placed: PlacedEffect, signal: np.ndarray) -> np.ndarray:

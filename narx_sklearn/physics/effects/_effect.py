@@ -133,6 +133,9 @@ class Effect:
     form : int or None
         Index of the parameter that leads from one way to build the same thing to another (a filter of parts,
         or of code): it makes an effect no less simple.
+    choice : int or None
+        Index of the parameter that is at one end of its range or at the other, and nothing in between: a fit
+        leaves it where it is, and is tried from there with the other end.
     phase : int or None
         Index of the parameter that is a phase, half a turn of which turns the sign of the amplitude.
     references : tuple of int
@@ -235,6 +238,7 @@ class Effect:
     levels: tuple[int, ...] = ()
     begin: int | None = None
     form: int | None = None
+    choice: int | None = None
     phase: int | None = None
     references: tuple[int, ...] = ()
     instants: tuple[int, int] | tuple[()] = ()

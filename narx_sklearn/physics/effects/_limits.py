@@ -96,11 +96,12 @@ def _levels(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _rate_limit_run(values, most, lacking):
+def _rate_limit_run(values, most, lacking, digital):
     """Follow values that are held between samples by at most ``most`` a sample; return the mean over each.
 
     A held command steps at the sample and the ramp that follows it is mostly over before the next one, so the
-    value at the sample would show nothing of it. At first a share of the first value is ``lacking``.
+    value at the sample would show nothing of it. Where it is ``digital`` (1, else 0) it is at once where the
+    ramp gets to: code limits a command before it is held. At first a share of the first value is ``lacking``.
     """
     out = np.empty(values.size)
     at = values[0] * (1.0 - lacking)
@@ -114,11 +115,12 @@ def _rate_limit_run(values, most, lacking):
             move = most if missing > 0.0 else -most
             out[k] = at + 0.5 * move
             at += move
+        out[k] += digital * (at - out[k])
     return out
 
 
 def _rate_limit_transform(signal, second, dt, theta, first):
-    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt, theta[1])
+    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt, theta[1], theta[2])
 
 
 def _limited_difference(now, before, most):
@@ -130,12 +132,14 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
     moves = moves[np.isfinite(moves)]
     moves = moves[moves > 0]
     if moves.size == 0:
-        return np.empty((0, 2))
+        return np.empty((0, 3))
     # steps show a limit as ramps of some samples, or within one; a smooth record near its fastest slopes
     limits = np.unique(
         np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 2.0, 8.0]) * moves.max()])
     )
-    return telling(setting, grid(limits, [0.0]), _rate_limit_transform)
+    # code that seldom limits leaves all other moves alone, which parts do not
+    rows = np.vstack([grid(limits, [0.0], [0.0]), [0.9 * moves.max(), 0.0, 1.0]])
+    return telling(setting, rows, _rate_limit_transform)
 
 
 @kernel
@@ -201,10 +205,11 @@ LIMITS = (
         code="rate_limit",
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
-        equation="|ds/dt| <= r; at first a share i of the command is lacking (below 0: it is more), "
-        "all of it from rest at zero",
-        parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING),
+        equation="|ds/dt| <= r; where d = 1 one of code, from sample to sample, |s[k] - s[k-1]| <= r dt; at "
+        "first a share i of the command is lacking (below 0: it is more), all of it from rest at zero",
+        parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
         begin=1,
+        choice=2,
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
         output_port=False,

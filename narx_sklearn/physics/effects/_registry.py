@@ -220,10 +220,13 @@ def _check_fields(effect: Effect) -> None:
     for name in ("levels", "instants"):
         if len(getattr(effect, name)) not in (0, 2):
             refuse(f"{name} are two indices or none, got {getattr(effect, name)!r}.")
-    for name in ("amplitude", "begin", "form", "reach", "phase"):
+    for name in ("amplitude", "begin", "form", "choice", "reach", "phase"):
         index = getattr(effect, name)
         if index is not None and not 0 <= index < n:
             refuse(f"{name} must index one of its {n} parameters or be None, got {index!r}.")
+    if effect.choice is not None and not np.isfinite(effect.parameters[effect.choice][2:4]).all():
+        chosen = effect.parameters[effect.choice].name
+        refuse(f"choice is one end of a range or the other, but parameter {chosen!r} has no finite bounds.")
     if not effect.valleys >= 0:
         refuse(f"valleys counts the values tried and must be 0 or more, got {effect.valleys!r}.")
     if not 0 <= effect.n_memory <= MAX_MEMORY:
