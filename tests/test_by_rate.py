@@ -6,10 +6,21 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.broken_line import KNOTS
 from narx_sklearn.discrepancy.search.by_rate import built_up, by_rate, placed_by_rate
-from narx_sklearn.discrepancy.search.generic import BUILDS_UP, BY_RATE, UNNAMED
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import Trial
+from narx_sklearn.discrepancy.search.generic import BUILDS_UP, BY_RATE, UNNAMED, curve_hypotheses
 from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.refuted import outdoes_drift
+from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.02
 SLIPS_FROM = 0.6  # m/s
@@ -91,6 +102,31 @@ def test_both_laws_are_tried_on_each_output_over_its_rates_inside_windows():
 
 def test_what_stands_still_has_no_law_by_its_rate():
     assert placed_by_rate(cart(), np.ones((50, 1)), Windows.whole([slice(0, 50)])) == []
+
+
+@pytest.mark.parametrize("slips", [True, False])
+def test_a_course_that_the_speed_tells_is_no_drift(slips):
+    """A drift of the same size, by itself, stays one: the law follows it no better than by chance."""
+    rng = np.random.default_rng(0)
+    u, y = recorded(rng, 2000, finer=4)
+    if not slips:
+        wandered = 0.05 * np.sin(2 * np.pi * np.arange(2000) / 1700)
+        y = cart().simulate(u) + wandered[:, None] + 0.004 * rng.normal(size=(2000, 1))
+    simulator = cart()
+    problem = Problem(simulator, u, y, cut([(slice(0, 2000), 0)], 200, 4), Noise.white(np.array([0.004])))
+    x0 = np.column_stack([y[problem.windows.first, 0], np.zeros(problem.windows.count)])
+    base = fit(problem, Model(simulator.nominal, (), x0))
+    run = problem.run(base.model)
+    laws = placed_by_rate(simulator, run.y, problem.windows)
+    drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(0.05, 20.0, 0.0, 0.0))
+    drifting, _, law = (
+        Candidate(fit(problem, base.model._replace(effects=(e,)), iterations=20), problem.n_seen)
+        for e in (drift, *laws)
+    )
+    curves = curve_hypotheses(simulator, find_structure(simulator, run.x, u), u, run.x, run.y)
+    trial = Trial(problem, Candidate(base, problem.n_seen), make_bank(problem, base, curves))
+    assert outdoes_drift(trial, drifting, law, 0.0025) is slips
+    assert not outdoes_drift(trial, drifting, None, 0.0025)
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged, odd
-from narx_sklearn.discrepancy.search.confirm import DRIFT, is_of_a_sensor
+from narx_sklearn.discrepancy.search.confirm import DRIFT, Trial, is_of_a_sensor
 from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
@@ -28,6 +28,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     may_be_drift,
     needs_wrong_parameters,
     only_stand_in,
+    outdoes_drift,
 )
 from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.discrepancy.stages.unforeseen import Unforeseen
@@ -83,11 +84,16 @@ def judged(
     unnamed = best_unnamed(problem, refitted, best, structure, settings, searched.hypotheses)
     named = "ambiguous" if any(alternatives) else "explained"
     if may_be_drift(problem.noise, best, alternatives):  # its course is as it may be, and that is all of it
+        bank, nothing = searched.steps[0].bank.without_columns(), Candidate(refitted, problem.n_seen)
+        trial = Trial(problem, nothing, bank, settings.n_jobs, settings.random_state)
+        if outdoes_drift(trial, best, unnamed, settings.alpha_nameless):
+            assert unnamed is not None
+            return _told_instead(unnamed)
         signs = left_that_follows(problem, best, structure, settings)
         return Judgement("unknown" if signs else named, best, alternatives, unnamed, against_noise=signs)
     if needs_wrong_parameters(problem, refitted, best, unnamed, structure, settings):
         assert unnamed is not None
-        return Judgement("unknown", unnamed, ((),) * len(unnamed.effects), unnamed, stand_in=True)
+        return _told_instead(unnamed)
     if (other := with_another_power(problem, best, settings.alpha)) is not None:
         as_likely = [
             c for c in _without_its_power(best, other, alternatives) if c.criterion <= other.criterion
@@ -110,6 +116,11 @@ def judged(
         return at_home or Judgement("unknown", best, alternatives, unnamed)
     left = left_by_form(refitted, best, unnamed, leftover)
     return Judgement(named, best, alternatives, unnamed, left=left)
+
+
+def _told_instead(law: Candidate) -> Judgement:
+    """Return what is said where names stand in for a law that has none."""
+    return Judgement("unknown", law, ((),) * len(law.effects), law, stand_in=True)
 
 
 def _judged_at_home(

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.search.bank import beside, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, converged, odd
-from narx_sklearn.discrepancy.search.confirm import is_all_drift, is_of_a_sensor
+from narx_sklearn.discrepancy.search.confirm import Trial, chances, deviance, is_all_drift, is_of_a_sensor
 from narx_sklearn.discrepancy.search.explain import probe
 from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
@@ -225,6 +225,27 @@ def left_that_follows(
     """
     remainder = look_at_remainder(problem, best.fit.model, structure, settings.random_state)
     return tuple(sign for sign in remainder.speaking(settings.alpha_nameless) if sign.kind in FOLLOWING)
+
+
+def outdoes_drift(trial: Trial, best: Candidate, law: Candidate | None, alpha: float) -> bool:
+    """Tell whether a law of the motion is what seems to drift: likelier, though noise may drift beside both.
+
+    A drift goes where it will, so it follows whatever is slow, as errors of counting that add up. Where the
+    motion tells that course, it is no drift. The law has to be no noise that drifts either, by chance.
+
+    Parameters
+    ----------
+    trial : Trial
+        With nothing as its base.
+    best : Candidate
+        Drifts and offsets of outputs.
+    """
+    if law is None:
+        return False
+    drifting, following = (deviance(trial.problem, c.fit.model) + c.price for c in (best, law))
+    if not following < drifting - HARDLY - BEFORE_DATA:
+        return False
+    return chances(trial, [law])[0] <= alpha
 
 
 def may_be_drift(noise: Noise, best: Candidate, alternatives) -> bool:
