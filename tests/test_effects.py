@@ -1091,7 +1091,17 @@ class TestStarts:
         small = setting_of(0.004 * wideband(), own=wideband(seed=1))
         assert CATALOGUE["gravity"].starts(small).size == 0
 
-    @given(waves=st.floats(1.0, 15.0), phase=st.floats(0, 6))
+    def test_what_is_seen_once_is_no_ripple(self):
+        """Two waves are the fewest that repeat; over more than a turn every load does, so one a turn is."""
+        way = 0.004 * wideband(2000)
+        starts = CATALOGUE["cogging"].starts(setting_of(way, own=wideband(2000, 1)))
+        waves = starts[:, 1] * np.ptp(way) / (2 * np.pi)
+        assert 2.0 - 1e-9 <= waves.min() < 2.5
+        assert CATALOGUE["cogging"].limits(setting_of(way))[1, 0] == pytest.approx(4 * np.pi / np.ptp(way))
+        one_and_a_half_turns = 3 * np.pi / np.ptp(way) * way
+        assert CATALOGUE["cogging"].limits(setting_of(one_and_a_half_turns))[1, 0] == 1.0
+
+    @given(waves=st.floats(2.0, 15.0), phase=st.floats(0, 6))
     @settings(max_examples=20)
     def test_a_ripple_of_any_pitch_is_near_a_start(self, waves, phase):
         """Whatever the unit of the way, and without a look at the residual."""

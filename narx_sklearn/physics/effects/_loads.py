@@ -64,11 +64,12 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
     turn = _turn(setting)
     if not high > low:
         return np.empty((0, 5))
-    whole = turn > TURN
+    whole, slowest = turn > TURN, _slowest_ripple(setting)
     # a fifth of the width of a line apart, so that none is missed
     fine = np.arange(1.0, 101.0) if whole else TURN / turn * np.arange(1.0, 40.0, 0.2)
     coarse = TURN / (high - low) * WAVES
-    coarse = np.unique(np.maximum(np.round(coarse), 1.0)) if whole else coarse
+    coarse = np.unique(np.maximum(np.round(coarse), 1.0)) if whole else coarse[coarse >= slowest]
+    fine = fine[fine >= slowest]
     return scaled(
         setting,
         grid([1.0], np.union1d(coarse, lines_in_angle(setting, fine, 3)), [0.0, QUARTER], [0.0], [0.0]),
@@ -77,10 +78,20 @@ def _cogging_starts(setting: Setting) -> np.ndarray:
 
 
 def _cogging_limits(setting: Setting) -> np.ndarray:
-    """At least one period where the motion mostly is, or one a turn."""
+    return at_least(5, 1, _slowest_ripple(setting))
+
+
+def _slowest_ripple(setting: Setting) -> float:
+    """Return the least wave number: one a turn, or one where the motion mostly is and two in all of it.
+
+    A wave that is not seen to come again is no ripple, but any curve that rises and falls.
+    """
     low, high = quantiles(setting.argument, MOSTLY)
-    slowest = TURN / (high - low) if high > low else 0.0
-    return at_least(5, 1, min(slowest, 1.0) if _turn(setting) > TURN else slowest)
+    if not high > low:
+        return 0.0
+    turn = _turn(setting)
+    slowest = max(TURN / (high - low), 2 * TURN / turn)
+    return min(slowest, 1.0) if turn > TURN else slowest
 
 
 @kernel
