@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
+from narx_sklearn.discrepancy.search.generic import BY_TURNS, pulse_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import response
@@ -65,7 +66,7 @@ def along(problem, found):
     return run, tangent(problem.simulator, run, problem.u, problem.windows, found.model.p)
 
 
-@pytest.mark.parametrize("port", [Port("input", 0), Port("state", 0), Port("state", 1)])
+@pytest.mark.parametrize("port", [Port("input", 0), Port("output", 0), Port("state", 0), Port("state", 1)])
 @pytest.mark.parametrize("coefficients", [(), (0.6,)])
 def test_the_gradient_by_forces_is_that_of_their_answers(port, coefficients):
     rng = np.random.default_rng(3)
@@ -108,6 +109,30 @@ def test_the_gain_of_a_pulse_is_what_its_wave_would_take_off(depth):
     told = Problem(machine, np.column_stack([u[:, 0], wave]), y, problem.windows, problem.noise)
     left = fit(told, found.model._replace(p=machine.nominal)).cost
     assert pulse.gain == pytest.approx(found.cost - left, rel=0.5)
+
+
+def test_a_clock_that_runs_unevenly_is_seen_in_the_rate_of_what_it_reads():
+    """What is read s seconds late is off by s times its rate: by hand, the wave's size and its frequency."""
+    rng = np.random.default_rng(0)
+    u = drive(rng, 3000)
+    late = 0.004 * np.sin(2 * np.pi * HERTZ * DT * np.arange(3000) + 0.4)
+    position = make(values=(1.05, 0.6, 11.5)).simulate(u)
+    rate = np.gradient(position, DT, axis=0)
+    y = position - late[:, None] * rate + 0.002 * rng.normal(size=(3000, 1))
+    problem, found = fitted(u, y)
+    run, linear = along(problem, found)
+    structure = find_structure(make(), run.x, u)
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    pulse = strongest_pulse(problem, found, run, linear, e, structure, rng)
+    assert (pulse.signal, pulse.port) == ("the rate of x", Port("output", 0))
+    assert pulse.p_value < 1e-6
+    assert np.abs(np.array(pulse.frequencies) - HERTZ * DT).min() < 1e-4
+    laws = pulse_hypotheses(make(), structure, (HERTZ - 1e-6, HERTZ + 1e-6))
+    (clock,) = (law.placed for law in laws if law.placed.effect.code == BY_TURNS)
+    told = fit(problem, found.model._replace(effects=(clock,)), iterations=20).model.effects[0]
+    assert (told.theta[0], told.theta[1]) == pytest.approx(
+        (-0.004 * np.sin(0.4), -0.004 * np.cos(0.4)), abs=3e-4
+    )
 
 
 def test_windows_far_apart_tell_no_frequency():

@@ -33,10 +33,10 @@ from narx_sklearn.discrepancy.search.places import (
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Power, no_start
-from narx_sklearn.physics.effects._series import time_since
+from narx_sklearn.physics.effects._series import by_pieces, time_since
 
 CURVE, SURFACE, DRIVEN = "unnamed_curve", "unnamed_surface", "unnamed_driven_surface"
-LINE, PULSE = "unnamed_line", "unnamed_pulse"
+LINE, PULSE, BY_TURNS = "unnamed_line", "unnamed_pulse", "unnamed_pulsating_delay"
 PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unnamed_inverse_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
@@ -52,6 +52,7 @@ UNNAMED = (
     DRIVEN,
     LINE,
     PULSE,
+    BY_TURNS,
     PRODUCT,
     WITH_SQUARE,
     ODD_POWER,
@@ -75,6 +76,7 @@ TITLES = {
     DRIVEN: "a law of position, rate and input that the catalogue does not hold",
     LINE: "a parameter that changed",
     PULSE: "a parameter that pulsates",
+    BY_TURNS: "a reading that is early and late by turns",
     PRODUCT: "a product of two signals that the catalogue does not hold",
     WITH_SQUARE: "a product with a square that the catalogue does not hold",
     ODD_POWER: "a power that the catalogue does not hold",
@@ -100,6 +102,8 @@ SENTENCES = {
     LINE: "Something grows in proportion to this signal, as if a parameter were another meanwhile.",
     PULSE: "Something grows in proportion to this signal and comes and goes at one frequency, as if a "
     "parameter pulsated. When it does is known for this recording only.",
+    BY_TURNS: "What is read is of a little earlier and later by turns, at one frequency, as where two clocks "
+    "do not run alike. When it is which is known for this recording only.",
     PRODUCT: "What acts here grows in proportion to two signals at once, as where the one carries the other.",
     WITH_SQUARE: "What acts here grows with one signal and with the square of another, as what a turn throws "
     "outwards.",
@@ -190,6 +194,17 @@ def _pulsating(argument, rate, own, second, time, step, z, theta, dz):
 def _pulsated(signal, second, dt, theta, first):
     turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
     return signal * (1.0 + theta[0] * np.cos(turned) + theta[1] * np.sin(turned))
+
+
+def _early_and_late(signal, second, dt, theta, first):
+    turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
+    rate = by_pieces(rate_of, signal, first, dt)
+    return signal + (theta[0] * np.cos(turned) + theta[1] * np.sin(turned)) * rate
+
+
+def rate_of(values: np.ndarray, dt: float) -> np.ndarray:
+    """Return how fast each column of a piece of signals moves at its samples."""
+    return np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
 
 
 @njit(nogil=True, cache=True)
@@ -307,17 +322,24 @@ def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothes
 def pulse_hypotheses(simulator: Simulator, structure: Structure, frequencies: tuple[float, float]):
     """Return a force in proportion to a signal that comes and goes, for each port and argument.
 
+    What is read may be early and late by turns.
+
     Parameters
     ----------
     frequencies : (float, float)
         Between which it does, Hz; it begins in the middle.
     """
     frequency = (EffectParameter("f", "Hz", *frequencies),)
-    equation = "(a cos(2 pi f t) + b sin(2 pi f t)) x"
-    return [
-        _unnamed(PULSE, equation, ["a", "b"], frequency, _pulsating, port, argument, unit)
+    wave = "(a cos(2 pi f t) + b sin(2 pi f t))"
+    found = [
+        _unnamed(PULSE, f"{wave} x", ["a", "b"], frequency, _pulsating, port, argument, unit)
         for port, argument, unit in _proportions(simulator, structure)
     ]
+    equation = f"s + {wave} ds/dt"
+    for i, signal in enumerate(simulator.outputs):
+        place = Port("output", i), Argument((), *signal)
+        found.append(_unnamed(BY_TURNS, equation, ["a", "b"], frequency, _pulsating, *place, "s"))
+    return found
 
 
 def product_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[Hypothesis]:
@@ -541,7 +563,7 @@ def is_unnamed(placed: PlacedEffect) -> bool:
 
 def unnamed_law(code: str, equation: str, names, fixed, force, unit: str = "{port}") -> Effect:
     """Return a law without a name, of named coefficients; others keep their bounds."""
-    transforms = {CURVE: line_added, LINE: _gained, PULSE: _pulsated}
+    transforms = {CURVE: line_added, LINE: _gained, PULSE: _pulsated, BY_TURNS: _early_and_late}
     return Effect(
         code=code,
         title=TITLES[code],

@@ -1,5 +1,6 @@
 """Does a parameter pulsate? What is left over, held against waves times a signal at every port."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +9,10 @@ from scipy.ndimage import maximum_filter1d
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.locate import Tangent
-from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.detect import FINER, SLOW, exceeded
-from narx_sklearn.discrepancy.search.generic import line_hypotheses
+from narx_sklearn.discrepancy.search.generic import line_hypotheses, rate_of
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
 
@@ -20,6 +21,7 @@ DRAWS = 64  # of noise, from which the level of each ordinate is known
 NEAR = FINER * np.arange(2, 26)  # fine ordinates from a line: near enough for one level, far from its foot
 IMAGE = 0.5  # share of the highest line, above which another is tried too
 MOST = 6  # lines
+TWICE = 2  # periods in the record: what is seen less often does not repeat
 
 
 class Pulse(NamedTuple):
@@ -27,7 +29,8 @@ class Pulse(NamedTuple):
 
     frequencies: tuple[float, ...]  # cycles in a sample: the clearest, and others nearly as clear
     p_value: float
-    placed: PlacedEffect  # which signal it multiplies, and where that acts
+    signal: str  # which it multiplies
+    port: Port  # where that acts
     gain: float  # by how much the cost would fall with it, noise variances
 
 
@@ -39,9 +42,11 @@ def strongest_pulse(
     A small force :math:`w_k = s_k \cos(\omega k + \phi)` at a port, in proportion to a signal s, changes the
     fit in proportion to the Fourier transform of :math:`q_k = s_k g_k`, where g is the gradient by a force at
     that port (Rao's score test, 1948). One run of the adjoint tells g, so all frequencies are tried at once.
+    What is read may be off in proportion to its rate: early and late by turns.
     Each ordinate of the spectrum of q is compared with what it is for the same residual with other signs,
     which tells its level, and over that with its neighbours, which know of colour that whitening has left.
-    Slow changes are left to what changes once. None is returned where windows are far apart.
+    Slow changes are left to what changes once; not those of a clock, as a slow wave times a rate is no drift.
+    None is returned where windows are far apart.
 
     Parameters
     ----------
@@ -52,7 +57,6 @@ def strongest_pulse(
     e : ndarray of shape (n_windows, n_values)
         Whitened residual, projected.
     """
-    places = [hypothesis.placed for hypothesis in line_hypotheses(problem.simulator, structure)]
     rows = problem.rows[problem.inside]
     begin, length = rows.min(), np.ptp(rows) + 1
     if rows.size < COVERED * length:
@@ -61,28 +65,52 @@ def strongest_pulse(
     flipped = out_of(found.jacobian, found.projector(flipped))
     gradients = gradients_by_force(problem, linear, np.concatenate([e[:, :, None], flipped], axis=2))
     n_tried, strongest = 0, None
-    for placed in places:
-        signal = problem.u[:, placed.port.index] if placed.port.kind == "input" else run.x @ placed.weights
-        pushed = gradients[placed.port]
-        if placed.reacts:
-            pushed = pushed - placed.share * gradients[Port("state", placed.onward)]
+    for pulsing in _pulsing(problem, run, structure):
+        pushed = gradients[pulsing.port]
+        if pulsing.onward is not None:
+            onward, share = pulsing.onward
+            pushed = pushed - share * gradients[onward]
         product = np.zeros((length, pushed.shape[2]))
-        product[rows - begin] = np.nan_to_num(signal[rows, None] * pushed[problem.inside])
-        power = np.abs(np.fft.rfft(product, FINER * length, axis=0))[FINER * SLOW : -1] ** 2
+        product[rows - begin] = np.nan_to_num(pulsing.values[rows, None] * pushed[problem.inside])
+        power = np.abs(np.fft.rfft(product, FINER * length, axis=0))[FINER * pulsing.slowest : -1] ** 2
         ratio = power[:, 0] / np.maximum(power[:, 1:].mean(axis=1), 1e-300)
         n_tried += ratio.size
         if ratio.size and (strongest is None or ratio.max() > strongest[0].max()):
-            strongest = ratio, placed
+            strongest = ratio, pulsing
     if strongest is None:
         return None
-    ratio, placed = strongest
+    ratio, pulsing = strongest
     at = int(np.argmax(ratio))
     near = np.concatenate([at - NEAR, at + NEAR])
     near = near[(near >= 0) & (near < ratio.size)]
     chances = exceeded(ratio[at], DRAWS), exceeded(ratio[at] / max(np.mean(ratio[near]), 1e-300), near.size)
     chance = float(min(1.0, n_tried * max(chances)))
     gain = 2.0 * float(ratio[at])  # chi-squared, of a sine and a cosine, is twice the ratio
-    return Pulse(tuple((_peaks(ratio) + FINER * SLOW) / (FINER * length)), chance, placed, gain)
+    frequencies = tuple((_peaks(ratio) + FINER * pulsing.slowest) / (FINER * length))
+    return Pulse(frequencies, chance, pulsing.signal, pulsing.port, gain)
+
+
+class _Pulsing(NamedTuple):
+    """A signal that a wave may multiply, and where that acts."""
+
+    signal: str
+    values: np.ndarray  # (n_samples,)
+    port: Port
+    onward: tuple[Port, float] | None = None  # where a share of it reacts
+    slowest: int = SLOW  # periods in the record
+
+
+def _pulsing(problem: Problem, run: Run, structure: Structure) -> Iterator[_Pulsing]:
+    """Yield what may come and go at inputs, in equations, and of what is read."""
+    for placed in (hypothesis.placed for hypothesis in line_hypotheses(problem.simulator, structure)):
+        values = problem.u[:, placed.port.index] if placed.port.kind == "input" else run.x @ placed.weights
+        onward = (Port("state", placed.onward), placed.share) if placed.reacts else None
+        yield _Pulsing(placed.argument_name, values, placed.port, onward)
+    rates = np.zeros_like(run.y)
+    for a, b in zip(problem.windows.first, problem.windows.last, strict=True):
+        rates[a:b] = rate_of(run.y[a:b], problem.simulator.dt)
+    for i, output in enumerate(problem.simulator.outputs):
+        yield _Pulsing(f"the rate of {output.name}", rates[:, i], Port("output", i), slowest=TWICE)
 
 
 def _peaks(ratio: np.ndarray) -> np.ndarray:
@@ -117,6 +145,7 @@ def gradients_by_force(problem: Problem, linear: Tangent, e: np.ndarray) -> dict
         ahead = np.zeros_like(ahead)
         ahead[inside] = np.nan_to_num(_back(linear.C[k], r) + _back(linear.A[k], after))
     found = {Port("input", j): at_input[j] for j in range(n_inputs)}
+    found |= {Port("output", i): raw[:, :, i] for i in range(raw.shape[2])}
     return found | {Port("state", i): at_state[i] for i in range(n_states)}
 
 

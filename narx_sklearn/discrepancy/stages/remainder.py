@@ -418,7 +418,7 @@ def _pulse(
     if pulse is None:
         return Sign("pulse", "", 1.0)
     hertz = tuple(frequency / problem.simulator.dt for frequency in pulse.frequencies)
-    where = port_in_words(pulse.placed.port, problem.simulator)
+    where = port_in_words(pulse.port, problem.simulator)
     or_these = " or ".join(f"{f:.4g}" for f in hertz)
-    words = f"It goes with {pulse.placed.argument_name} times a wave of {or_these} Hz, acting {where}."
-    return Sign("pulse", words, pulse.p_value, hertz, pulse.gain, pulse.placed.port)
+    words = f"It goes with {pulse.signal} times a wave of {or_these} Hz, acting {where}."
+    return Sign("pulse", words, pulse.p_value, hertz, pulse.gain, pulse.port)
