@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     may_be_drift,
     needs_wrong_parameters,
     only_stand_in,
+    say_less_than_they_leave,
 )
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -181,6 +182,33 @@ def test_a_name_is_refuted_by_what_it_leaves_where_it_acts(p_value, share, of_fo
     best = Candidate(fit(problem, base.model._replace(effects=(friction(0.4),))), problem.n_seen)
     left = Leftover(p_value, share / (1 - share) * (base.cost - best.fit.cost), of_form)
     assert is_refuted(base, best, None, left, 0.005) == refuted
+
+
+@pytest.mark.parametrize(
+    ("named", "law", "refuted"),
+    [
+        (490.0, 440.0, True),  # 10 beyond the constant, and 50 left to the law
+        (450.0, 430.0, False),  # 50 beyond it, and 20 left: a matter of form
+        (500.0, 440.0, True),  # the constant itself: it has no form
+        (500.0, 495.0, False),  # what noise gives a law of more parameters
+    ],
+)
+def test_what_a_constant_does_too_tells_for_no_name(named, law, refuted):
+    """All take off 400 of 900 with their constant."""
+    problem, start = axis_problem([friction(0.4)])
+    base = fit(problem, start)
+
+    def costing(cost, *effects):
+        fitted = fit(problem, base.model._replace(effects=effects))
+        return Candidate(fitted._replace(cost=cost), 500)
+
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.3,))
+    pool = [costing(500.0, load), costing(300.0, load, friction(0.4))]  # two of them are no constant
+    best, unnamed = costing(named, load), costing(law, load)
+    assert say_less_than_they_leave([best], unnamed, pool) is refuted
+    assert not say_less_than_they_leave([best], None, pool)
+    assert not say_less_than_they_leave([best], unnamed, pool[1:])
+    assert not say_less_than_they_leave([best, costing(430.0, friction(0.4))], unnamed, pool)  # one says more
 
 
 @pytest.mark.parametrize(

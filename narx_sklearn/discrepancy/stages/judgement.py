@@ -29,6 +29,7 @@ from narx_sklearn.discrepancy.stages.refuted import (
     needs_wrong_parameters,
     only_stand_in,
     outdoes_drift,
+    say_less_than_they_leave,
 )
 from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.discrepancy.stages.unforeseen import Unforeseen
@@ -111,6 +112,8 @@ def judged(
         return Judgement("unknown", nothing, (), unnamed, stand_in=True, against_noise=signs)
     if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings, forms):
         return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
+    if say_less_than_they_leave([best, *chain.from_iterable(alternatives)], unnamed, pool):
+        return Judgement("unknown", best, alternatives, unnamed)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         at_home = _judged_at_home(searched, best, alternatives, pool, structure, settings)
         return at_home or Judgement("unknown", best, alternatives, unnamed)

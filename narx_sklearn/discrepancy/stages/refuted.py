@@ -1,6 +1,6 @@
 """What speaks against names: what they leave, and what explains as much without them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -11,7 +11,15 @@ from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.search.bank import beside, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate, converged, odd
-from narx_sklearn.discrepancy.search.confirm import Trial, chances, deviance, is_all_drift, is_of_a_sensor
+from narx_sklearn.discrepancy.search.confirm import (
+    LOAD,
+    OFFSET,
+    Trial,
+    chances,
+    deviance,
+    is_all_drift,
+    is_of_a_sensor,
+)
 from narx_sklearn.discrepancy.search.explain import probe
 from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
@@ -254,6 +262,28 @@ def may_be_drift(noise: Noise, best: Candidate, alternatives) -> bool:
         return False
     drifts = all(noise.drifts(effect.port.index) for effect in best.effects)
     return drifts or any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
+
+
+def say_less_than_they_leave(
+    names: Iterable[Candidate], law: Candidate | None, pool: Sequence[Candidate]
+) -> bool:
+    """Tell whether names do hardly more than a constant, all of them, and leave more to a likelier law.
+
+    Nearly every law holds a constant: what one takes off tells for none of them, so it is not what a name
+    explains. A constant itself has no form that might be idealised.
+    """
+    constant = min((c.fit.cost for c in pool if _is_constant(c)), default=None)
+    if constant is None or law is None:
+        return False
+    return all(
+        is_likelier(law, name) and constant - name.fit.cost < name.fit.cost - law.fit.cost for name in names
+    )
+
+
+def _is_constant(candidate: Candidate) -> bool:
+    """Tell whether a set is one offset or load that always acts."""
+    codes = [effect.effect.code for effect in candidate.effects if not effect.passes]
+    return len(candidate.effects) == 1 and codes in ([OFFSET], [LOAD])
 
 
 def is_refuted(
