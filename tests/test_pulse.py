@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
-from narx_sklearn.discrepancy.search.generic import BY_TURNS, pulse_hypotheses
+from narx_sklearn.discrepancy.search.generic import BY_TURNS, TITLES, pulse_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import response
@@ -111,14 +111,19 @@ def test_the_gain_of_a_pulse_is_what_its_wave_would_take_off(depth):
     assert pulse.gain == pytest.approx(found.cost - left, rel=0.5)
 
 
+def read_by_another_clock(rng, hertz=HERTZ, most=0.004):
+    """Return drive and readings, up to so many seconds late and as much early by turns."""
+    u = drive(rng, 3000)
+    late = most * np.sin(2 * np.pi * hertz * DT * np.arange(3000) + 0.4)
+    position = make(values=(1.05, 0.6, 11.5)).simulate(u)
+    rate = np.gradient(position, DT, axis=0)
+    return u, position - late[:, None] * rate + 0.002 * rng.normal(size=(3000, 1))
+
+
 def test_a_clock_that_runs_unevenly_is_seen_in_the_rate_of_what_it_reads():
     """What is read s seconds late is off by s times its rate: by hand, the wave's size and its frequency."""
     rng = np.random.default_rng(0)
-    u = drive(rng, 3000)
-    late = 0.004 * np.sin(2 * np.pi * HERTZ * DT * np.arange(3000) + 0.4)
-    position = make(values=(1.05, 0.6, 11.5)).simulate(u)
-    rate = np.gradient(position, DT, axis=0)
-    y = position - late[:, None] * rate + 0.002 * rng.normal(size=(3000, 1))
+    u, y = read_by_another_clock(rng)
     problem, found = fitted(u, y)
     run, linear = along(problem, found)
     structure = find_structure(make(), run.x, u)
@@ -133,6 +138,18 @@ def test_a_clock_that_runs_unevenly_is_seen_in_the_rate_of_what_it_reads():
     assert (told.theta[0], told.theta[1]) == pytest.approx(
         (-0.004 * np.sin(0.4), -0.004 * np.cos(0.4)), abs=3e-4
     )
+
+
+@pytest.mark.long
+def test_a_clock_that_wanders_slowly_is_told_at_the_reading():
+    """Five periods in the record: what is added by itself would be a drift, but this follows the rate."""
+    u, y = read_by_another_clock(np.random.default_rng(0), 5 / (3000 * DT), 0.015)
+    found = DiscrepancyRegressor(make(), effects=["additive_drift", "gain_drift", "delay", "lag"]).fit(u, y)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.port) == ("unknown", "output:0")
+    assert finding.title == TITLES[BY_TURNS]
+    assert finding.parameters["f"] == pytest.approx(5 / (3000 * DT), abs=5e-3)
+    assert np.hypot(finding.parameters["a"], finding.parameters["b"]) == pytest.approx(0.015, rel=0.1)
 
 
 def test_windows_far_apart_tell_no_frequency():
