@@ -104,6 +104,7 @@ LARGE = [
     "identification",
     "discrepancy",
     *(f"discrepancy/{room}" for room in ROOMS_OF_DIAGNOSIS),
+    "discrepancy/search/unnamed",
     "physics/effects",
 ]
 

@@ -11,11 +11,12 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import make_bank
-from narx_sklearn.discrepancy.search.broken_line import KNOTS
-from narx_sklearn.discrepancy.search.by_rate import built_up, by_rate, placed_by_rate
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import Trial
-from narx_sklearn.discrepancy.search.generic import BUILDS_UP, BY_RATE, UNNAMED, curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS
+from narx_sklearn.discrepancy.search.unnamed.by_rate import built_up, by_rate, placed_by_rate
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import BUILDS_UP, BY_RATE, UNNAMED
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

@@ -8,8 +8,9 @@ import pytest
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.acting import signal_change
 from narx_sklearn.discrepancy.locate import tangent
-from narx_sklearn.discrepancy.search.broken_line import KNOTS
-from narx_sklearn.discrepancy.search.generic import CURVE, curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import CURVE
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.forms import along

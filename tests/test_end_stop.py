@@ -15,9 +15,9 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
-from narx_sklearn.discrepancy.search.generic import damped_beyond
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.ranking import leaders
+from narx_sklearn.discrepancy.search.unnamed.beyond_a_gap import damped_beyond
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.locate import felt_at
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 

@@ -8,9 +8,9 @@ from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.search.broken_line import KNOTS, with_knots
-from narx_sklearn.discrepancy.search.generic import curve_hypotheses
 from narx_sklearn.discrepancy.search.inference import intervals, spanning, told_together
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS, with_knots
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 

@@ -13,7 +13,9 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
-from narx_sklearn.discrepancy.search.generic import DRIVEN, SURFACE, curve_hypotheses, with_free_power
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import DRIVEN, SURFACE
+from narx_sklearn.discrepancy.search.unnamed.powers import with_free_power
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

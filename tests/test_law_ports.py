@@ -12,8 +12,8 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER
-from narx_sklearn.discrepancy.search.generic import odd_if_coupled
-from narx_sklearn.discrepancy.search.one_place import place_hypotheses
+from narx_sklearn.discrepancy.search.places import odd_if_coupled
+from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.stages import diagnosis, unnamed
 from narx_sklearn.discrepancy.stages.coloured_search import Searched

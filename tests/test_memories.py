@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.search.generic import LOOP, TWO_SPEEDS, UNNAMED, WORKED, WORKED_BY_SQUARE
-from narx_sklearn.discrepancy.search.memories import MEMORIES
+from narx_sklearn.discrepancy.search.unnamed.kinds import LOOP, TWO_SPEEDS, UNNAMED, WORKED, WORKED_BY_SQUARE
+from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.5

@@ -9,9 +9,9 @@ from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.search.generic import curve_hypotheses
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.places import placements
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

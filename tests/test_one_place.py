@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.search.generic import ONE_PLACE
-from narx_sklearn.discrepancy.search.one_place import NARROW, PLACES, WIDE, WIDTHS, place_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import ONE_PLACE
+from narx_sklearn.discrepancy.search.unnamed.one_place import NARROW, PLACES, WIDE, WIDTHS, place_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 
 DT, FINER = 0.01, 20

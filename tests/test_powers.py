@@ -13,19 +13,17 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.broken_line import KNOTS
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.generic import (
-    EVEN_POWER,
-    INVERSE,
-    ODD_POWER,
-    curve_hypotheses,
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import EVEN_POWER, INVERSE, ODD_POWER
+from narx_sklearn.discrepancy.search.unnamed.powers import (
     inverse_power,
     placed_powers,
     power_effect,
     with_free_power,
 )
-from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.knots import drawn_again

@@ -15,7 +15,8 @@ from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.generic import PRODUCT, WITH_SQUARE, product_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import PRODUCT, WITH_SQUARE
+from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

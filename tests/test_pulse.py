@@ -10,7 +10,8 @@ from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
-from narx_sklearn.discrepancy.search.generic import BY_TURNS, TITLES, pulse_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import BY_TURNS, WORDS
+from narx_sklearn.discrepancy.search.unnamed.proportions import pulse_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.followed import response
@@ -147,7 +148,7 @@ def test_a_clock_that_wanders_slowly_is_told_at_the_reading():
     found = DiscrepancyRegressor(make(), effects=["additive_drift", "gain_drift", "delay", "lag"]).fit(u, y)
     (finding,) = found.findings_
     assert (found.verdict_, finding.port) == ("unknown", "output:0")
-    assert finding.title == TITLES[BY_TURNS]
+    assert finding.title == WORDS[BY_TURNS].title
     assert finding.parameters["f"] == pytest.approx(5 / (3000 * DT), abs=5e-3)
     assert np.hypot(finding.parameters["a"], finding.parameters["b"]) == pytest.approx(0.015, rel=0.1)
 

@@ -13,9 +13,9 @@ from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import IN_REACH, refit_leaders
-from narx_sklearn.discrepancy.search.generic import curve_hypotheses
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.ranking import leaders
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE

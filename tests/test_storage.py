@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.search.generic import STORED, STORED_BY_SQUARE
-from narx_sklearn.discrepancy.search.storage import LEAST, storage_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import STORED, STORED_BY_SQUARE
+from narx_sklearn.discrepancy.search.unnamed.storage import LEAST, storage_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 
 DT = 2.0

@@ -8,17 +8,11 @@ from narx_sklearn.discrepancy.findings import parameter_names, parameters_it_has
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.search.broken_line import KNOTS, with_knots
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.generic import (
-    CURVE,
-    DRIVEN,
-    MONOMIALS,
-    SURFACE,
-    TERMS,
-    curve_hypotheses,
-    without_terms,
-)
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS, with_knots
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import CURVE, DRIVEN, SURFACE
+from narx_sklearn.discrepancy.search.unnamed.polynomials import MONOMIALS, TERMS, without_terms
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.unnamed import held_where_seen, simplified

@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import effect_column
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.places import parameter_placements
-from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut

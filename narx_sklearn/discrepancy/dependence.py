@@ -3,7 +3,7 @@
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.generic import VARYING
+from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 NO_UNIT = ("", "-", "1")
@@ -23,7 +23,7 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     >>> from narx_sklearn.discrepancy import ODESimulator
     >>> from narx_sklearn.discrepancy.dependence import dependence_in_words
     >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-    >>> from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES
+    >>> from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES
     >>> cell = ODESimulator(lambda x, u, p: (-p[0] * u[0],), dt=1.0, parameters={"R0 [ohm]": 0.06},
     ...                     states=["v [V]"], inputs=["current [A]", "temperature [degC]"])
     >>> warmer = PlacedEffect(PARAMETER_THAT_VARIES, Port("parameter", 0), second=(0.0, 1.0, 0.0),

@@ -21,9 +21,10 @@ from narx_sklearn.discrepancy.location import Location
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.search.candidate import HARDLY, OUTSIDE, Candidate
-from narx_sklearn.discrepancy.search.generic import ANYWHERE, ENDS, is_unnamed
 from narx_sklearn.discrepancy.search.inference import lost_together
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, at_home, is_one_law, unpaid
+from narx_sklearn.discrepancy.search.unnamed.kinds import is_unnamed
+from narx_sklearn.discrepancy.search.unnamed.polynomials import ANYWHERE, ENDS
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis

@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.results import (
     p_text,
 )
 from narx_sklearn.discrepancy.search.confirm import is_drift
-from narx_sklearn.discrepancy.search.generic import LINE, PULSE, TITLES
+from narx_sklearn.discrepancy.search.unnamed.kinds import LINE, PULSE, WORDS
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen
 from narx_sklearn.discrepancy.stages.unforeseen import ADDED, FACTOR, GAIN
 from narx_sklearn.model.units import in_seconds, rounded
@@ -66,7 +66,7 @@ def what_is_no_law(dx) -> str:
     titles = {finding.title for finding in dx.findings_[: 1 if known else None]}
     if dx.verdict_ != "unknown" or not titles:
         return ""
-    if titles <= {TITLES[LINE], TITLES[PULSE], GAIN, FACTOR}:
+    if titles <= {WORDS[LINE].title, WORDS[PULSE].title, GAIN, FACTOR}:
         return CHANGES
     return DISTURBED if titles <= {ADDED} else ""
 

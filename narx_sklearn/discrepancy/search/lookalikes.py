@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.search.generic import LINE
+from narx_sklearn.discrepancy.search.unnamed.kinds import LINE
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing

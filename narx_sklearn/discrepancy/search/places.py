@@ -325,3 +325,20 @@ def weights_of(n: int, entries: dict) -> tuple[float, ...]:
     for index, value in entries.items():
         weights[index] = value
     return tuple(weights)
+
+
+def odd_if_coupled(placed: PlacedEffect, structure: Structure) -> PlacedEffect:
+    """Return a law as odd where it brings a state into an equation that has nothing of it yet.
+
+    Equations that are known say what goes into which; where a law fits in two of them about as well, it is
+    that which has its signals already. What an equation moves is at home in it.
+    """
+    if placed.port.kind != "state":
+        return placed
+    i = placed.port.index
+    has = structure.states[i].copy()
+    has[[i, structure.partner[i]] if structure.partner[i] >= 0 else [i]] = True
+    needs = np.array(placed.weights) != 0
+    if placed.second:
+        needs = needs | (np.array(placed.second)[-has.size :] != 0)
+    return replace(placed, odd=bool(np.any(needs & ~has)))

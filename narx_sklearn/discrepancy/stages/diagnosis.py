@@ -13,10 +13,10 @@ from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
 from narx_sklearn.discrepancy.search.explain import Step
-from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.search.members import by_weight
+from narx_sklearn.discrepancy.search.unnamed.kinds import is_unnamed
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure

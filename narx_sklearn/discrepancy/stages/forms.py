@@ -6,9 +6,10 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import Bank, effect_column, make_bank, out_of
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.search.generic import CURVE, damped_beyond
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import without
+from narx_sklearn.discrepancy.search.unnamed.beyond_a_gap import damped_beyond
+from narx_sklearn.discrepancy.search.unnamed.kinds import CURVE
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.unnamed import curves_along
 

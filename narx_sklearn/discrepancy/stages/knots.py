@@ -4,9 +4,9 @@ import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.broken_line import KNOTS, knots_where_it_bends, with_knots
 from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
-from narx_sklearn.discrepancy.search.generic import CURVE
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS, knots_where_it_bends, with_knots
+from narx_sklearn.discrepancy.search.unnamed.kinds import CURVE
 
 ROUNDS = 3  # of fits and knots, each of which shows better where the law bends
 

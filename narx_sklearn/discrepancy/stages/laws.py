@@ -6,16 +6,17 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import make_bank
-from narx_sklearn.discrepancy.search.by_rate import placed_by_rate
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import refit_leaders
-from narx_sklearn.discrepancy.search.generic import odd_if_coupled, product_hypotheses
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
-from narx_sklearn.discrepancy.search.memories import MEMORIES
-from narx_sklearn.discrepancy.search.one_place import place_hypotheses
+from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.ranking import leaders
-from narx_sklearn.discrepancy.search.storage import storage_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.by_rate import placed_by_rate
+from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
+from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.storage import storage_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.plain import counted_from_zero
 

@@ -10,18 +10,17 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
 from narx_sklearn.discrepancy.search.explain import refit_leaders
-from narx_sklearn.discrepancy.search.generic import (
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.inference import covariance
+from narx_sklearn.discrepancy.search.places import odd_if_coupled
+from narx_sklearn.discrepancy.search.unnamed.kinds import INVERSE, ODD_POWER
+from narx_sklearn.discrepancy.search.unnamed.powers import (
     HALF,
-    INVERSE,
     INVERSES,
-    ODD_POWER,
     POWERS,
-    odd_if_coupled,
     placed_powers,
     with_free_power,
 )
-from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
-from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.structure import Structure
 
 SURELY = 1.64  # standard errors beyond what a power may be off by

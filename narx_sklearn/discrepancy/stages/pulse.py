@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.locate import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.detect import FINER, SLOW, exceeded
-from narx_sklearn.discrepancy.search.generic import line_hypotheses, rate_of
+from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, rate_of
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
 

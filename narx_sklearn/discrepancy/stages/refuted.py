@@ -21,10 +21,10 @@ from narx_sklearn.discrepancy.search.confirm import (
     is_of_a_sensor,
 )
 from narx_sklearn.discrepancy.search.explain import probe
-from narx_sklearn.discrepancy.search.generic import is_unnamed
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
+from narx_sklearn.discrepancy.search.unnamed.kinds import is_unnamed
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import hypotheses_of, kept_near, went_far

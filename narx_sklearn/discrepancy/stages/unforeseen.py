@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, DRIFTS
-from narx_sklearn.discrepancy.search.generic import line_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.remainder import drifts_of, tangent_along
 from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED

@@ -11,17 +11,12 @@ from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged
 from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance
 from narx_sklearn.discrepancy.search.explain import refit_leaders
-from narx_sklearn.discrepancy.search.generic import (
-    TERMS,
-    curve_hypotheses,
-    held_beyond,
-    line_hypotheses,
-    odd_if_coupled,
-    pulse_hypotheses,
-    without_terms,
-)
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
+from narx_sklearn.discrepancy.search.places import odd_if_coupled
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.polynomials import TERMS, held_beyond, without_terms
+from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.knots import drawn_again

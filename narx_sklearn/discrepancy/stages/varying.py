@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_nois
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
-from narx_sklearn.discrepancy.search.varying import PARAMETER_THAT_VARIES as OWN
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES as OWN
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.broken_line import KNOTS, ends_of, knots_as_parameters
-from narx_sklearn.discrepancy.search.generic import BUILDS_UP, BY_RATE, unnamed_law
 from narx_sklearn.discrepancy.search.places import Argument, placed_at
+from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS, ends_of, knots_as_parameters
+from narx_sklearn.discrepancy.search.unnamed.kinds import BUILDS_UP, BY_RATE, unnamed_law
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
 from narx_sklearn.physics.effects._series import by_pieces
 

@@ -80,7 +80,7 @@ def knots_where_it_bends(knots: np.ndarray, line: np.ndarray, values: np.ndarray
     A line that bends at its second knot only.
 
     >>> import numpy as np
-    >>> from narx_sklearn.discrepancy.search.broken_line import knots_where_it_bends
+    >>> from narx_sklearn.discrepancy.search.unnamed.broken_line import knots_where_it_bends
     >>> knots, line = np.linspace(0.0, 6.0, 7), np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     >>> knots_where_it_bends(knots, line, np.linspace(0.0, 6.0, 601)).round(1).tolist()
     [0.0, 0.5, 0.9, 1.4, 2.0, 4.0, 6.0]

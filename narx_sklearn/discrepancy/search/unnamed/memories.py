@@ -1,22 +1,15 @@
 """Laws without a name that remember what went through an input or a sensor before.
 
 A gain that goes with how hard a signal worked (a supply that sags, a coil that warms up), a lag that is
-slower one way than the other, a reading that depends on where it last turned. They are laws as the
-``generic`` ones are: what they are, and not why, is told.
+slower one way than the other, a reading that depends on where it last turned. What they are, and not why,
+is told.
 """
 
 from functools import partial
 
 import numpy as np
 
-from narx_sklearn.discrepancy.search.generic import (
-    LOOP,
-    SENTENCES,
-    TITLES,
-    TWO_SPEEDS,
-    WORKED,
-    WORKED_BY_SQUARE,
-)
+from narx_sklearn.discrepancy.search.unnamed.kinds import LOOP, TWO_SPEEDS, WORDS, WORKED, WORKED_BY_SQUARE
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._dynamics import SHORT, moments_of_decay, times_of_lag, weights_along_line
 from narx_sklearn.physics.effects._effect import LACKING
@@ -82,8 +75,8 @@ def _worked(code: str, power: int) -> Effect:
     transform = partial(_worked_transform, power=power)
     return Effect(
         code=code,
-        title=TITLES[code],
-        sentence=SENTENCES[code],
+        title=WORDS[code].title,
+        sentence=WORDS[code].sentence,
         equation=f"r + (s - r) exp(a M), T M' = {of} - M, at first M = i",
         parameters=(
             EffectParameter("a", f"1/({unit})"),
@@ -161,8 +154,8 @@ MEMORIES = (
     _worked(WORKED_BY_SQUARE, 2),
     Effect(
         code=TWO_SPEEDS,
-        title=TITLES[TWO_SPEEDS],
-        sentence=SENTENCES[TWO_SPEEDS],
+        title=WORDS[TWO_SPEEDS].title,
+        sentence=WORDS[TWO_SPEEDS].sentence,
         equation="T s_out' = s - s_out, with T = T1 while it rises and T2 while it falls; at first a share i "
         "of the signal is lacking (below 0: it is more)",
         parameters=(EffectParameter("T1", "s", 0.0), EffectParameter("T2", "s", 0.0), LACKING),
@@ -175,8 +168,8 @@ MEMORIES = (
     ),
     Effect(
         code=LOOP,
-        title=TITLES[LOOP],
-        sentence=SENTENCES[LOOP],
+        title=WORDS[LOOP].title,
+        sentence=WORDS[LOOP].sentence,
         equation="s + k z, z' = v - v (sgn(v z) + r) |z|/zy, v = ds/dt",
         parameters=(EffectParameter("k", "-"), *BOUC_WEN.parameters[1:3]),
         starts=_loop_starts,

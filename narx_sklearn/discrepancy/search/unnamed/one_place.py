@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.search.broken_line import ends_of
-from narx_sklearn.discrepancy.search.generic import ONE_PLACE, unnamed_law
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.places import moving, placed_at
+from narx_sklearn.discrepancy.search.unnamed.broken_line import ends_of
+from narx_sklearn.discrepancy.search.unnamed.kinds import ONE_PLACE, unnamed_law
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import EffectParameter
@@ -34,7 +34,7 @@ def place_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) 
         States of that run.
     """
     where = EffectParameter("c", "{arg}"), EffectParameter("w", "{arg}")
-    law = replace(unnamed_law(ONE_PLACE, "a / (1 + ((x - c)/w)^2)", ["a"], where, _near), amplitude=0)
+    law = unnamed_law(ONE_PLACE, "a / (1 + ((x - c)/w)^2)", ["a"], where, _near, amplitude=0)
     found = []
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):

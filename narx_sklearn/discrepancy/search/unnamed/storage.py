@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from narx_sklearn.discrepancy.search.generic import STORED, STORED_BY_SQUARE, unnamed_law
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, counted_from_means
 from narx_sklearn.discrepancy.search.places import moving
+from narx_sklearn.discrepancy.search.unnamed.kinds import STORED, STORED_BY_SQUARE, unnamed_law
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import EffectParameter

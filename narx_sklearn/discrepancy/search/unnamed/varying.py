@@ -1,11 +1,11 @@
 """A parameter of the simulator that depends on a signal, wherever it stands in the equations and outputs.
 
-That a parameter does is no name: why it does is another question. So it is a law as the ``generic`` ones are.
+That a parameter does is no name: why it does is another question. So it is a law without a name.
 """
 
 import numpy as np
 
-from narx_sklearn.discrepancy.search.generic import SENTENCES, TITLES, VARYING
+from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING, WORDS
 from narx_sklearn.physics.effects import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import ORDINARY, grid, spread
@@ -33,8 +33,8 @@ def _limits(setting: Setting) -> np.ndarray:
 
 PARAMETER_THAT_VARIES = Effect(
     code=VARYING,
-    title=TITLES[VARYING],
-    sentence=SENTENCES[VARYING],
+    title=WORDS[VARYING].title,
+    sentence=WORDS[VARYING].sentence,
     equation="p (1 + a (w - r)) in place of p, with r the mean of w",
     parameters=(EffectParameter("a", "1/({second})"), EffectParameter("r", "{second}")),
     starts=_starts,

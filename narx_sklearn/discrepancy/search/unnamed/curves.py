@@ -1,0 +1,86 @@
+"""A curve of unknown shape at every port, and what is like it where something moves."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.places import Argument, arguments, beside_inputs, moving, weights_of
+from narx_sklearn.discrepancy.search.unnamed.broken_line import (
+    KNOTS,
+    ends_of,
+    force_of_line,
+    knots_as_parameters,
+    line_added,
+)
+from narx_sklearn.discrepancy.search.unnamed.kinds import CURVE
+from narx_sklearn.discrepancy.search.unnamed.linear import linear_hypothesis
+from narx_sklearn.discrepancy.search.unnamed.polynomials import driven, of_motion
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.structure import Structure
+
+
+def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
+    """Return an unnamed curve for each place and argument, its knots spread over what the run visits."""
+    found = []
+    for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
+        found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
+    for i, signal in enumerate(simulator.outputs):
+        found.append(_at(Port("output", i), Argument((), *signal), y[:, i]))
+        found += _read(Port("output", i), simulator, structure, np.column_stack([u, x]))
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        port = Port("state", i)
+        for argument in moving(i, simulator, structure):
+            found.append(_at(port, argument, x @ np.array(argument.weights)))
+        if structure.partner[i] >= 0:
+            for argument in arguments("position", i, simulator, structure):
+                position = x @ np.array(argument.weights)
+                found.append(of_motion(port, argument, position, simulator.dt))
+                for j in np.flatnonzero(structure.inputs[i]).tolist():
+                    found.append(driven(port, argument, position, simulator, j, u[:, j]))
+    known = [hypothesis for hypothesis in found if hypothesis is not None]
+    return known + [
+        hypothesis._replace(placed=beside)
+        for hypothesis in known
+        if hypothesis.placed.port.kind == "state"
+        for beside in beside_inputs(hypothesis.placed, simulator, structure)
+    ]
+
+
+def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:
+    values = values[np.isfinite(values)]
+    if values.size == 0 or np.ptp(values) <= 0:
+        return None
+    low, high = ends_of(values)
+    if not high > low:
+        return None
+    fixed = knots_as_parameters(np.linspace(low, high, KNOTS))
+    names = [f"f{i + 1}" for i in range(KNOTS)]
+    return linear_hypothesis(
+        CURVE, "f(x), a broken line", names, fixed, force_of_line, port, argument, transform=line_added
+    )
+
+
+def _read(
+    port: Port, simulator: Simulator, structure: Structure, signals: np.ndarray
+) -> Iterator[Hypothesis | None]:
+    """Yield a curve of each signal of which an output is made, where these are several.
+
+    What one of them adds need not be in proportion to it, as what a current takes off a voltage.
+    """
+    read = np.flatnonzero(structure.read[port.index]).tolist()
+    if len(read) < 2:
+        return
+    for j in read:
+        signal = [*simulator.inputs, *simulator.states][j]
+        found = _at(port, Argument((), *signal), signals[:, j])
+        if found is not None:
+            fed = replace(found.placed.effect, second="feed", equation="f(w), a broken line")
+            weights = weights_of(signals.shape[1], {j: 1.0})
+            yield found._replace(
+                placed=replace(
+                    found.placed, effect=fed, second=weights, second_name=signal.name, second_unit=signal.unit
+                )
+            )
