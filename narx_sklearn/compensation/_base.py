@@ -110,7 +110,7 @@ class Compensator(BaseEstimator):
         law = self._identify_law(X, y, sessions)
         applied = None
         if data is not None:
-            applied = parted(data[0], self.model_, getattr(self, "input_name", None))[0]
+            applied = self._parted(data[0])[0]
         if self.limits is None:
             limits = self._known_range(applied, needed=law.method == "search")
         self._held = self._holding(law, applied, None if data is None else data[1][:, 0])
@@ -321,7 +321,7 @@ class Compensator(BaseEstimator):
         part = slice(CHECKED_SAMPLES)
         u, y, sessions = u[part], y[part], None if sessions is None else np.asarray(sessions)[part]
         simulated = free_run(self.model_, u, y_init=y, sessions=sessions).y
-        applied, others = parted(u, self.model_, getattr(self, "input_name", None))
+        applied, others = self._parted(u)
         reference = np.column_stack([simulated, others])
         law, straight = (input_error(one, reference, applied, sessions) for one in (self.law_, line))
         return law <= straight
@@ -503,7 +503,7 @@ class Compensator(BaseEstimator):
         check_is_fitted(self, "law_")
         check_indexes(X, y)
         u = as_signals(X, "X")
-        applied, others = parted(u, self.model_, getattr(self, "input_name", None))
+        applied, others = self._parted(u)
         m = self.compensate(np.column_stack([as_signals(y, "y"), others]), m_init=applied[0]).m
         return float(1.0 - np.sum((applied - m) ** 2) / np.sum((applied - applied.mean()) ** 2))
 
@@ -520,6 +520,10 @@ class Compensator(BaseEstimator):
     def _followed(self) -> str:
         """Return what the model calls the output that follows the reference."""
         return getattr(self.model_, "outputs", ("y",))[0]
+
+    def _parted(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the input that compensates, and the other inputs."""
+        return parted(u, self.model_, getattr(self, "input_name", None))
 
     def _driving(self) -> str:
         """Return what the model calls the input that compensates."""

@@ -126,7 +126,7 @@ def with_one_course(
             is_one = _is_better(found, best) and chance_of_noise(gained, MOST - 1, 1, n_more) <= alpha
         if not is_one or _is_outdone(found, sine):
             continue
-        course_of = next(e for e in found.effects if e.place == sine.place)
+        course_of = _now(found, sine)
         elsewhere = [
             _converged(
                 problem, found, kept, replace(other, effect=course_of.effect).at(course_of.theta), n_jobs
@@ -152,6 +152,11 @@ def _courses(problem: Problem, best: Candidate) -> Iterator[tuple[PlacedEffect, 
         yield sine, [o for o in sines if o is not sine and _is_harmonic(o, sine, LINE * 2 * np.pi / whole)]
 
 
+def _now(candidate: Candidate, course_of: PlacedEffect) -> PlacedEffect:
+    """Return a course as a set has it."""
+    return next(e for e in candidate.effects if e.place == course_of.place)
+
+
 def _frequency(sine: PlacedEffect) -> float:
     return sine.theta[1]
 
@@ -165,7 +170,7 @@ def _is_harmonic(other: PlacedEffect, sine: PlacedEffect, width: float) -> bool:
 
 def _is_outdone(candidate: Candidate, sine: PlacedEffect) -> bool:
     """Tell whether a harmonic is larger than the first: of such a series anything is made that wanders."""
-    theta = next(e.theta for e in candidate.effects if e.place == sine.place)
+    theta = _now(candidate, sine).theta
     return bool(np.max(np.hypot(theta[3::2], theta[4::2]), initial=0.0) > 1.0)
 
 
@@ -218,7 +223,7 @@ def _fitted(
     found = leading = _converged(problem, best, kept, begun, n_jobs)
     last = first = n_harmonics(begun)
     for n in range(first + 1, MOST + 1):
-        course_of = next(e for e in leading.effects if e.place == begun.place)
+        course_of = _now(leading, begun)
         more = with_harmonics(course_of, n, course_of.theta[3:])
         leading = _converged(problem, leading, kept, more, n_jobs)
         if _is_better(leading, found) and not _is_outdone(leading, begun):

@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.search.places import Argument, parameter_placement
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import Effect, Setting
+from narx_sklearn.physics.effects._series import rates_along
 
 
 class Hypothesis(NamedTuple):
@@ -180,7 +181,7 @@ class _Material:
         rates = np.empty_like(x)
         edges = [*self.first.tolist(), len(order)]
         for a, b in pairwise(edges):
-            rates[a:b] = np.gradient(x[a:b], simulator.dt, axis=0) if b - a > 1 else 0.0
+            rates[a:b] = rates_along(x[a:b], simulator.dt)
         self.x, self.rates = x, rates
 
     def setting(self, placed: PlacedEffect) -> Setting:

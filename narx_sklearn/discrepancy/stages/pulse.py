@@ -12,9 +12,10 @@ from narx_sklearn.discrepancy.locate import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.detect import FINER, SLOW, exceeded
-from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, rate_of
+from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.physics.effects._series import rates_along
 
 COVERED = 0.5  # share of a record that windows must cover: those far apart know nothing of each other's phase
 DRAWS = 64  # of noise, from which the level of each ordinate is known
@@ -108,7 +109,7 @@ def _pulsing(problem: Problem, run: Run, structure: Structure) -> Iterator[_Puls
         yield _Pulsing(placed.argument_name, values, placed.port, onward)
     rates = np.zeros_like(run.y)
     for a, b in zip(problem.windows.first, problem.windows.last, strict=True):
-        rates[a:b] = rate_of(run.y[a:b], problem.simulator.dt)
+        rates[a:b] = rates_along(run.y[a:b], problem.simulator.dt)
     for i, output in enumerate(problem.simulator.outputs):
         yield _Pulsing(f"the rate of {output.name}", rates[:, i], Port("output", i), slowest=TWICE)
 

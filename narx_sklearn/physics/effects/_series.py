@@ -32,6 +32,11 @@ def by_pieces(run: Callable, signal: np.ndarray, first: np.ndarray, *arguments) 
     return out
 
 
+def rates_along(values: np.ndarray, dt: float) -> np.ndarray:
+    """Return how fast a piece of one signal or several moves at its samples; a single one stands still."""
+    return np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
+
+
 def time_since(first: np.ndarray, n_samples: int, dt: float) -> np.ndarray:
     """Return the time since the piece began, s, shape (n_samples,)."""
     index = np.arange(n_samples)

@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.search.unnamed.linear import linear_hypothesis
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import EffectParameter
-from narx_sklearn.physics.effects._series import by_pieces, time_since
+from narx_sklearn.physics.effects._series import by_pieces, rates_along, time_since
 
 
 @njit(nogil=True, cache=True)
@@ -38,13 +38,8 @@ def _pulsated(signal, second, dt, theta, first):
 
 def _early_and_late(signal, second, dt, theta, first):
     turned = 2.0 * np.pi * theta[2] * time_since(first, signal.size, dt)
-    rate = by_pieces(rate_of, signal, first, dt)
+    rate = by_pieces(rates_along, signal, first, dt)
     return signal + (theta[0] * np.cos(turned) + theta[1] * np.sin(turned)) * rate
-
-
-def rate_of(values: np.ndarray, dt: float) -> np.ndarray:
-    """Return how fast each column of a piece of signals moves at its samples."""
-    return np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
 
 
 def line_hypotheses(simulator: Simulator, structure: Structure) -> list[Hypothesis]:
