@@ -111,13 +111,11 @@ def _with_law(X: pd.DataFrame, y: pd.Series, sessions, common: dict) -> NARXRegr
             compensator.fit(X, y, sessions=sessions)
     except ValueError:  # none of them has a law
         return regressors[-1].fit(X, y, sessions=sessions)
-    worst = None if compensator.rehearsal_ is None else compensator.rehearsal_.worst
-    if worst is not None and worst.is_worse:
+    worse = "" if compensator.rehearsal_ is None else compensator.rehearsal_.worse_than_line
+    if worse:
         warnings.warn(
-            "The law that compensates by this model does no better than a straight line of the reference (it "
-            f"leaves {worst.law:.0%} of the deviation of {worst.reference}, the line {worst.line:.0%}). To "
-            "compensate take --structure rate_independent or other lags, or `compensate --record`, which "
-            "tries several models.",
+            f"This model is not worth compensating by. {worse} Take --structure rate_independent or other "
+            "lags, or `compensate --record`, which tries several models.",
             NarxWarning,
             stacklevel=2,
         )

@@ -16,6 +16,12 @@ PROGRAM = "narx-sklearn"
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 # What the package raises when data or settings do not fit; anything else is a bug and shows its trace.
 REFUSALS = (ValueError, TypeError, RuntimeError, ImportError, OSError)
+# What the package calls by its names in Python, by the options of the command line.
+OPTIONS = {
+    "RootCompensator": "--method roots",
+    "IsolatedCompensator": "--method isolated",
+    "InverseCompensator": "--method inverse",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has left: no more output
         return DataError.exit_code
     except (DataError, *REFUSALS) as error:
-        return _tell(options, error, str(error), DataError.exit_code)
+        return _tell(options, error, _in_options(str(error)), DataError.exit_code)
     except MemoryError as error:
         return _tell(options, error, f"There is not enough memory for this: {error}.", DataError.exit_code)
     except KeyboardInterrupt as error:
@@ -82,6 +88,13 @@ def _warning_teller() -> Callable:
     def tell(message, category, filename, lineno, file=None, line=None) -> None:
         if issubclass(category, NarxWarning) and str(message) not in told:
             told.add(str(message))
-            write_beside(f"{PROGRAM}: warning: {message}")
+            write_beside(f"{PROGRAM}: warning: {_in_options(str(message))}")
 
     return tell
+
+
+def _in_options(sentence: str) -> str:
+    """Return a sentence that calls estimators of Python by the options that take them."""
+    for name, option in OPTIONS.items():
+        sentence = sentence.replace(f"{name}(input_name=...)", option).replace(name, option)
+    return sentence

@@ -23,8 +23,6 @@ from narx_sklearn.compensation.c_code import c_source
 from narx_sklearn.compensation.choosing import (
     choose_model,
     fitted_regressor,
-    input_error,
-    machine_for_rehearsal,
     parted,
     recorded_range,
 )
@@ -40,6 +38,7 @@ from narx_sklearn.compensation.law import (
     warn_if_unreachable,
 )
 from narx_sklearn.compensation.rehearsal import Rehearsal, Trial
+from narx_sklearn.compensation.rehearsing import CHECKED_SAMPLES, rehearse_on_record
 from narx_sklearn.compensation.stability import (
     warn_if_amplifying,
     warn_if_amplifying_at_rest,
@@ -47,12 +46,10 @@ from narx_sklearn.compensation.stability import (
 )
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model.narx import NARXModel
-from narx_sklearn.model.simulation import free_run
 from narx_sklearn.model.times import step_of_rows
 from narx_sklearn.model.units import compare_units
 
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
-CHECKED_SAMPLES = 5000  # of the record, on which a fitted law's amplification is checked
 
 
 class Compensator(BaseEstimator):
@@ -126,7 +123,7 @@ class Compensator(BaseEstimator):
         else:
             level = self._mean_of_record()
             warn_if_amplifying_at_rest(self.law_, level, m=self._first_input(level))
-        self.rehearsal_ = self._rehearse(data, X, y, sessions)
+        self.rehearsal_ = self._rehearse(None if data is None else X, y, sessions) if self.rehearsed else None
         self._warn_if_worse()
         return self
 
@@ -270,13 +267,7 @@ class Compensator(BaseEstimator):
         if self.rehearsal_ is None or np.ptp(reference[:, 0]) == 0.0:
             return None
         start = self._first_input(reference[0]) if m_init is None else float(m_init)
-        trial = self.rehearsal_.follow(run, reference, start)
-        if not self.rehearsal_.has_lost(trial):
-            return trial
-        wide = self.law_.limits if self.law_.method == "search" else (-np.inf, np.inf)
-        unbound = replace(self.law_, limits=wide, rate_limit=np.inf).run(reference, m=start)
-        found = self.rehearsal_.follow(unbound, reference, start)
-        return replace(trial, is_bound=not self.rehearsal_.has_lost(found))
+        return self.rehearsal_.judge(self.law_, run, reference, start)
 
     def _said_of(self, trial: Trial | None) -> str:
         """Say that a reference is lost, or better followed by a straight line, and the way out."""
@@ -294,58 +285,17 @@ class Compensator(BaseEstimator):
             "record: of several models the one is taken whose law serves."
         )
 
-    def _rehearse(self, data, X, y, sessions) -> Rehearsal | None:
-        """Rehearse the law on its own model, or where it does not give the record's input back on another.
-
-        On its own model a law is right by construction; where it takes other inputs than those recorded for
-        the output recorded, only another model can tell whether they are as good. So it does where its own
-        model is driven away by a straight line.
-        """
-        if not isinstance(self.model_, NARXModel):
-            return None
-        if data is None:
-            return Rehearsal(self.model_, self._driving(), is_own=True)
-        own = Rehearsal.of(
-            self.law_, self.model_, data[0], data[1], sessions, driven=self._driving(), is_own=True
-        )
-        if own.line and own.trials and self._gives_back(own.line, data[0], data[1], sessions):
-            return own
-        other = machine_for_rehearsal(X, y, sessions, getattr(self, "input_name", None))
-        if other is None:
-            return own
-        found = Rehearsal.of(self.law_, other, data[0], data[1], sessions, driven=self._named_in(other))
-        return found if found.trials else own
-
-    def _gives_back(self, line: CompensationLaw, u, y, sessions) -> bool:
-        """Tell whether the law gives the recorded input back better than a straight line, from its output."""
-        part = slice(CHECKED_SAMPLES)
-        u, y, sessions = u[part], y[part], None if sessions is None else np.asarray(sessions)[part]
-        simulated = free_run(self.model_, u, y_init=y, sessions=sessions).y
-        applied, others = self._parted(u)
-        reference = np.column_stack([simulated, others])
-        law, straight = (input_error(one, reference, applied, sessions) for one in (self.law_, line))
-        return law <= straight
-
-    def _named_in(self, machine: NARXModel) -> str:
-        """Return what another model of the same record calls the input that compensates."""
-        return machine.inputs[self.model_.inputs.index(self._driving())]
+    def _rehearse(self, X, y, sessions) -> Rehearsal | None:
+        own = self.model_ if isinstance(self.model_, NARXModel) else None
+        driving = None if own is None else self._driving()
+        if X is not None:
+            return rehearse_on_record(self.law_, X, y, sessions, own=own, input_name=driving)
+        return None if own is None else Rehearsal(own, driving, is_own=True)
 
     def _warn_if_worse(self) -> None:
-        rehearsal = self.rehearsal_
-        worst = None if rehearsal is None else rehearsal.worst
-        if rehearsal is None or worst is None or not worst.is_worse:
-            return
-        unsolved = (
-            f" At {worst.unsolved:.0%} of its samples no admissible input solves the law."
-            if worst.unsolved >= 0.01
-            else ""
-        )
-        words = replace(rehearsal, is_own=False).said_of(worst)
-        warnings.warn(
-            f"The law does no better than a straight line. {words}{unsolved} {self._way_out()}",
-            UnreachableWarning,
-            stacklevel=3,
-        )
+        words = "" if self.rehearsal_ is None else self.rehearsal_.worse_than_line
+        if words:
+            warnings.warn(f"{words} {self._way_out()}", UnreachableWarning, stacklevel=3)
 
     def beyond_record(self, X):
         """Say where a reference goes farther or changes faster than the record that the model is from.

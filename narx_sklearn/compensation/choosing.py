@@ -3,15 +3,12 @@
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
 from narx_sklearn._validation import as_signals, session_slices
-from narx_sklearn.compensation._defaults import rehearsal_regressors
-from narx_sklearn.compensation.derive import root_law
 from narx_sklearn.compensation.law import CompensationLaw
 from narx_sklearn.compensation.rehearsal import at_half_speed
 from narx_sklearn.identification.criteria import information_criterion
@@ -24,7 +21,7 @@ __all__ = [
     "choose_model",
     "fitted_regressor",
     "free_run_criterion",
-    "machine_for_rehearsal",
+    "input_error",
     "parted",
     "recorded_range",
 ]
@@ -87,22 +84,6 @@ def choose_model(
 
     best = best_of(regressors, identify, judge, stacklevel=6)
     return best, fitted[id(best)]
-
-
-def machine_for_rehearsal(
-    X, y, sessions, input_name: str | None = None, regressors=rehearsal_regressors
-) -> NARXModel | None:
-    """Identify a model of the machine on which laws are rehearsed; None where none can be had."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it is asked, not used
-        try:
-            several = regressors(X, y, input_name)
-            model, _ = choose_model(
-                several, X, y, sessions, partial(root_law, input_name=input_name), input_name=input_name
-            )
-        except ValueError:
-            return None
-    return model
 
 
 def parted(u: np.ndarray, model, input_name: str | None) -> tuple[np.ndarray, np.ndarray]:

@@ -14,11 +14,11 @@ from narx_sklearn.compensation.choosing import (
     best_of,
     fitted_regressor,
     free_run_criterion,
-    machine_for_rehearsal,
     recorded_range,
 )
 from narx_sklearn.compensation.derive import inverse_law, smooth_signs
 from narx_sklearn.compensation.rehearsal import Rehearsal
+from narx_sklearn.compensation.rehearsing import machine_for_rehearsal, rehearse_on_record
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 
@@ -110,6 +110,9 @@ class InverseCompensator(Compensator):
         Keep the input while the reference does not move, if the model can rest anywhere.
     smooth_width : float or None, default=None
         Replace signs of differences by ``tanh(difference / smooth_width)``, in the unit of the reference.
+    rehearsed : bool, default=True
+        Whether ``fit`` rehearses the law on a model of the machine and warns where a straight line of the
+        reference does better; where another model has to be identified for it, this takes about a second.
 
     Attributes
     ----------
@@ -121,7 +124,7 @@ class InverseCompensator(Compensator):
         The law (4.29); ``law_.horizon`` is ``lead - 1`` for a model that reads the output from lag 1 on.
     rehearsal_ : Rehearsal or None
         How the law did on a model of the machine (``direct_model_``, or one identified for it), beside a
-        straight line of the reference. None without a record. ``str`` tells.
+        straight line of the reference. None without a record, or where ``rehearsed`` is false. ``str`` tells.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -159,6 +162,7 @@ class InverseCompensator(Compensator):
         rate_limit=None,
         keep_rest=True,
         smooth_width=None,
+        rehearsed=True,
     ):
         self.model = model
         self.lead = lead
@@ -167,6 +171,7 @@ class InverseCompensator(Compensator):
         self.rate_limit = rate_limit
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
+        self.rehearsed = rehearsed
 
     def _identify_law(self, X, y, sessions):
         if not isinstance(self.lead, Integral) or isinstance(self.lead, bool) or self.lead < 1:
@@ -229,12 +234,9 @@ class InverseCompensator(Compensator):
             compare,
         )
 
-    def _rehearse(self, data, X, y, sessions):
+    def _rehearse(self, X, y, sessions):
         """Rehearse the law on a model of the machine itself, where there is a record to identify it from."""
-        if data is None:
-            return None
-        machine = self._machine or machine_for_rehearsal(X, y, sessions)
-        return None if machine is None else Rehearsal.of(self.law_, machine, data[0], data[1], sessions)
+        return None if X is None else rehearse_on_record(self.law_, X, y, sessions, other=self._machine)
 
     def _way_out(self) -> str:
         return (

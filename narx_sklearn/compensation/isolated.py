@@ -44,6 +44,9 @@ class IsolatedCompensator(Compensator):
         Replace signs of differences by ``tanh(difference / smooth_width)``, in the unit of the input.
     input_name : str or None, default=None
         The input to compensate with; None is the first.
+    rehearsed : bool, default=True
+        Whether ``fit`` rehearses the law on a model of the machine and warns where a straight line of the
+        reference does better; where another model has to be identified for it, this takes about a second.
 
     Attributes
     ----------
@@ -57,6 +60,7 @@ class IsolatedCompensator(Compensator):
     rehearsal_ : Rehearsal or None
         How the law did on its model, beside a straight line of the reference; ``str`` tells. Where the line
         gives the recorded input back better than the law, another model is identified and driven instead.
+        None where ``rehearsed`` is false.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -95,6 +99,7 @@ class IsolatedCompensator(Compensator):
         keep_rest=True,
         smooth_width=None,
         input_name=None,
+        rehearsed=True,
     ):
         self.model = model
         self.limits = limits
@@ -102,6 +107,7 @@ class IsolatedCompensator(Compensator):
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
         self.input_name = input_name
+        self.rehearsed = rehearsed
 
     _default_regressors = staticmethod(isolable_regressors)
 

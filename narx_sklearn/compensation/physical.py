@@ -17,7 +17,22 @@ from narx_sklearn.physics.prandtl_ishlinskii import PrandtlIshlinskii, PrandtlIs
 __all__ = ["BoucWenCompensator", "PrandtlIshlinskiiCompensator"]
 
 
-class PrandtlIshlinskiiCompensator(Compensator):
+class _HysteresisCompensator(Compensator):
+    """What compensators from models of hysteresis share."""
+
+    keep_rest = False
+
+    def __init__(self, model=None, *, limits=None, rate_limit=None, rehearsed=True):
+        self.model = model
+        self.limits = limits
+        self.rate_limit = rate_limit
+        self.rehearsed = rehearsed
+
+    def _way_out(self) -> str:
+        return "The hysteresis may be of another kind, or not all there is: try RootCompensator."
+
+
+class PrandtlIshlinskiiCompensator(_HysteresisCompensator):
     """Compensate with the analytic inverse of a Prandtl-Ishlinskii operator.
 
     ``m[k] = c + sum_j w_j P_j(r[k])``: weighted plays of the reference, exact for hysteresis whose minor
@@ -32,6 +47,9 @@ class PrandtlIshlinskiiCompensator(Compensator):
         beyond which nothing is known; no limits where a model is given.
     rate_limit : float or None, default=None
         Largest change of the input in one sample.
+    rehearsed : bool, default=True
+        Whether ``fit`` rehearses the law on a model of the machine and warns where a straight line of the
+        reference does better; where another model has to be identified for it, this takes about a second.
 
     Attributes
     ----------
@@ -39,6 +57,9 @@ class PrandtlIshlinskiiCompensator(Compensator):
         The operator; its inverse is the law.
     law_ : CompensationLaw
         The law; it reads the present reference.
+    rehearsal_ : Rehearsal or None
+        How the law did on a NARX model of the machine, beside a straight line of the reference. None without
+        a record, or where ``rehearsed`` is false. ``str`` tells.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -55,13 +76,6 @@ class PrandtlIshlinskiiCompensator(Compensator):
     >>> operator.run(compensator.predict([0.0, 4.0, -2.0, 1.0])).round(9).tolist()
     [0.0, 4.0, -2.0, 1.0]
     """
-
-    keep_rest = False
-
-    def __init__(self, model=None, *, limits=None, rate_limit=None):
-        self.model = model
-        self.limits = limits
-        self.rate_limit = rate_limit
 
     def _identify_law(self, X, y, sessions):
         if isinstance(self.model, PrandtlIshlinskiiOperator):
@@ -88,7 +102,7 @@ class PrandtlIshlinskiiCompensator(Compensator):
         )
 
 
-class BoucWenCompensator(Compensator):
+class BoucWenCompensator(_HysteresisCompensator):
     r"""Compensate with a Bouc-Wen model in a multiplicative-inverse structure.
 
     The output equation :math:`y = d\,u + g\,h + c` is solved for the input outside the hysteresis,
@@ -104,6 +118,9 @@ class BoucWenCompensator(Compensator):
         beyond which nothing is known; no limits where a model is given.
     rate_limit : float or None, default=None
         Largest change of the input in one sample.
+    rehearsed : bool, default=True
+        Whether ``fit`` rehearses the law on a model of the machine and warns where a straight line of the
+        reference does better; where another model has to be identified for it, this takes about a second.
 
     Attributes
     ----------
@@ -111,6 +128,9 @@ class BoucWenCompensator(Compensator):
         The model.
     law_ : CompensationLaw
         The law; it reads the present reference.
+    rehearsal_ : Rehearsal or None
+        How the law did on a NARX model of the machine, beside a straight line of the reference. None without
+        a record, or where ``rehearsed`` is false. ``str`` tells.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -129,13 +149,6 @@ class BoucWenCompensator(Compensator):
     >>> round(mape(r, PIEZO_BENCH.run(m)), 2)
     0.17
     """
-
-    keep_rest = False
-
-    def __init__(self, model=None, *, limits=None, rate_limit=None):
-        self.model = model
-        self.limits = limits
-        self.rate_limit = rate_limit
 
     def _identify_law(self, X, y, sessions):
         if isinstance(self.model, BoucWenModel):

@@ -186,6 +186,27 @@ class Rehearsal:
             unsolved=run.counts.no_solution / max(run.counts.samples, 1),
         )
 
+    def judge(self, law: CompensationLaw, run: LawRun, known: np.ndarray, start: float) -> Trial:
+        """Drive the model as `follow` does; where the law loses the reference, tell whether limits make it.
+
+        Parameters
+        ----------
+        law : CompensationLaw
+            The law.
+        run, known, start
+            As for `follow`.
+
+        Returns
+        -------
+        Trial
+        """
+        trial = self.follow(run, known, start)
+        if not self.has_lost(trial):
+            return trial
+        wide = law.limits if law.method == "search" else (-np.inf, np.inf)
+        unbound = replace(law, limits=wide, rate_limit=np.inf).run(known, m=start)
+        return replace(trial, is_bound=not self.has_lost(self.follow(unbound, known, start)))
+
     def _missed(self, m: np.ndarray, known: np.ndarray, start: float) -> float:
         """Return the distance of the model's output from the reference, both held before the first sample."""
         lag = self.machine.max_lag
@@ -202,6 +223,18 @@ class Rehearsal:
     def worst(self) -> Trial | None:
         """The trial in which the law leaves most beyond what the line leaves; None without trials."""
         return max(self.trials, key=lambda trial: (trial.is_worse, trial.law - trial.line), default=None)
+
+    @property
+    def worse_than_line(self) -> str:
+        """Sentences that say where the law is worse than the line; empty where it is not."""
+        worst = self.worst
+        if worst is None or not worst.is_worse or self.line is None:
+            return ""
+        unsolved = f" At {worst.unsolved:.0%} of its samples no admissible input solves the law."
+        return (
+            "The law does no better than a straight line. "
+            f"{_beside_line(worst, self.line)}{unsolved if worst.unsolved >= 0.01 else ''}"
+        )
 
     @property
     def left(self) -> float:
@@ -228,13 +261,7 @@ class Rehearsal:
                 f"{how if trial.law < FAR else 'runs away from it'}. The law has lost it, and the machine "
                 f"will not follow either.{limits if trial.is_bound else ''}"
             )
-        if trial.is_worse and self.line is not None:
-            left, line = f"leaves {trial.law:.0%} of the deviation of", self.line.equations[0]
-            return (
-                f"On a model of the machine the law {left if trial.law < FAR else 'runs away from'} "
-                f"{trial.reference}; the straight line {line} leaves {trial.line:.0%} of it."
-            )
-        return ""
+        return _beside_line(trial, self.line) if trial.is_worse and self.line is not None else ""
 
     def __str__(self) -> str:
         if not self.trials:
@@ -303,3 +330,11 @@ def _liveliest(signals: np.ndarray, sessions) -> np.ndarray:
 def _span(shares: list[float]) -> str:
     low, high = (f"{share:.0%}" if share < FAR else "all" for share in (min(shares), max(shares)))
     return low if low == high else f"{low} to {high}"
+
+
+def _beside_line(trial: Trial, line: CompensationLaw) -> str:
+    left = f"leaves {trial.law:.0%} of the deviation of" if trial.law < FAR else "runs away from"
+    return (
+        f"On a model of the machine the law {left} {trial.reference}; the straight line {line.equations[0]} "
+        f"leaves {trial.line:.0%} of it."
+    )

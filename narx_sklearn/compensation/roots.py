@@ -45,6 +45,9 @@ class RootCompensator(Compensator):
         abrupt transitions at reversals.
     input_name : str or None, default=None
         The input to compensate with; None is the first.
+    rehearsed : bool, default=True
+        Whether ``fit`` rehearses the law on a model of the machine and warns where a straight line of the
+        reference does better; where another model has to be identified for it, this takes about a second.
 
     Attributes
     ----------
@@ -58,6 +61,7 @@ class RootCompensator(Compensator):
     rehearsal_ : Rehearsal or None
         How the law did on its model, beside a straight line of the reference; ``str`` tells. Where the line
         gives the recorded input back better than the law, another model is identified and driven instead.
+        None where ``rehearsed`` is false.
     n_features_in_ : int
         Number of inputs in the record, if there was one.
 
@@ -100,6 +104,7 @@ class RootCompensator(Compensator):
         keep_rest=True,
         smooth_width=None,
         input_name=None,
+        rehearsed=True,
     ):
         self.model = model
         self.limits = limits
@@ -109,6 +114,7 @@ class RootCompensator(Compensator):
         self.keep_rest = keep_rest
         self.smooth_width = smooth_width
         self.input_name = input_name
+        self.rehearsed = rehearsed
 
     _default_regressors = staticmethod(direct_regressors)
 
