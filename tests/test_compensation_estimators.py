@@ -677,8 +677,9 @@ def labelled_record(n_samples=400):
     [
         RootCompensator(NARXRegressor(1, 1, degree=1)),
         InverseCompensator(NARXRegressor(0, 2, degree=1)),
-        BoucWenCompensator(BoucWenModel(A=0.1, beta=0.1, gamma=0.1, input_gain=1.0)),
-        PrandtlIshlinskiiCompensator(),
+        # the record is of a machine that lags, which hysteresis alone does not follow
+        BoucWenCompensator(BoucWenModel(A=0.1, beta=0.1, gamma=0.1, input_gain=1.0), rehearsed=False),
+        PrandtlIshlinskiiCompensator(rehearsed=False),
     ],
     ids=lambda c: type(c).__name__,
 )
