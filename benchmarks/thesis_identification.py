@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from narx_sklearn import NARXRegressor
 from narx_sklearn.exceptions import DivergenceWarning
 from narx_sklearn.identification import hysteresis_structure
-from narx_sklearn.identification.hysteresis import rate_independent_structure
+from narx_sklearn.identification.structure.hysteresis import rate_independent_structure
 from narx_sklearn.metrics import mape
 from narx_sklearn.model import Difference, DifferenceSign, FunctionPhi, NARXModel, Term, free_run
 from narx_sklearn.physics import PIEZO_BENCH

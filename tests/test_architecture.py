@@ -33,8 +33,13 @@ FLOORS = dict.fromkeys(GROUND, 0) | {
     "__main__": 7,
     "__init__": 7,  # the public names
 }
-# A diagnosis has rooms of its own, in which a module uses those of its room and of later ones.
-ROOMS_OF_DIAGNOSIS = ["stages", "records", "search", "locate", "surrogates", "fitting", "simulators"]
+# These have rooms of their own, in which a module uses those of its room and of later ones.
+ROOMS = {
+    "identification": [
+        "cross_validation", "validation", "free_run", "one_step", "structure", "records",
+    ],
+    "discrepancy": ["stages", "records", "search", "locate", "surrogates", "fitting", "simulators"],
+}  # fmt: skip
 COMPILERS = {"njit", "jit", "numba.njit", "numba.jit"}
 OPTIONAL = {"matplotlib", "pooch", "dask", "jinja2", "fmpy"}
 # Functions that a user hands over are compiled here; they have no file of ours to be cached beside.
@@ -103,7 +108,7 @@ LARGE = [
     "compensation",
     "identification",
     "discrepancy",
-    *(f"discrepancy/{room}" for room in ROOMS_OF_DIAGNOSIS),
+    *(f"{house}/{room}" for house, rooms in ROOMS.items() for room in rooms),
     "discrepancy/search/unnamed",
     "physics/effects",
 ]
@@ -119,23 +124,20 @@ def test_the_map_of_a_large_room_names_all_its_modules(room):
     assert {name for name in named if name not in inside | rooms} == set(), "of what is no more"
 
 
-def test_paragraphs_of_the_map_of_the_diagnosis_use_later_ones_alone():
-    told = ast.get_docstring(parse(Path("discrepancy", "__init__.py")))
+@pytest.mark.parametrize("house", ROOMS)
+def test_paragraphs_of_a_map_of_rooms_use_later_ones_alone(house):
+    told = ast.get_docstring(parse(Path(house, "__init__.py")))
     paragraphs = re.split(r"\n(?=\w.*\n    )", told)
     at = {name: float(i) for i, words in enumerate(paragraphs) for name in re.findall(r"``(\w+)``", words)}
-    assert [name for name in at if name in ROOMS_OF_DIAGNOSIS] == ROOMS_OF_DIAGNOSIS
-    for i, room in enumerate(ROOMS_OF_DIAGNOSIS):
-        at[room] += i / len(ROOMS_OF_DIAGNOSIS)
+    assert [name for name in at if name in ROOMS[house]] == ROOMS[house]
+    for i, room in enumerate(ROOMS[house]):
+        at[room] += i / len(ROOMS[house])
     for module in (
-        path
-        for path in MODULES
-        if room_of(path.parts) == "discrepancy" and path.parts[1:] != ("__init__.py",)
+        path for path in MODULES if room_of(path.parts) == house and path.parts[1:] != ("__init__.py",)
     ):
         own = room_of(module.parts[1:])
         used = {
-            name.split(".")[2]
-            for _, name in imports(parse(module))
-            if name.startswith(f"{NAME}.discrepancy.")
+            name.split(".")[2] for _, name in imports(parse(module)) if name.startswith(f"{NAME}.{house}.")
         }
         assert {other for other in used if at[other] < at[own]} == set(), f"{own} uses what stands before it"
 

@@ -9,7 +9,7 @@ import pytest
 from narx_sklearn import NARXRegressor
 from narx_sklearn.cli import main
 from narx_sklearn.compensation import InverseCompensator, RootCompensator, UnreachableWarning
-from narx_sklearn.identification.record import Moments
+from narx_sklearn.identification.records.record import Moments
 from narx_sklearn.model import Difference, NARXModel
 
 KNOWN = {

@@ -31,7 +31,7 @@ from narx_sklearn.compensation import (
 from narx_sklearn.datasets import make_piezo_bench
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.isolable import isolable_structure
+from narx_sklearn.identification.structure.isolable import isolable_structure
 from narx_sklearn.metrics import mape
 from narx_sklearn.model import (
     Difference,

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from narx_sklearn import NARXRegressor
 from narx_sklearn.analysis import continuum_of_steady_states
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.hysteresis import (
+from narx_sklearn.identification.structure.hysteresis import (
     check_continuum,
     expand_continuum,
     rate_independent_structure,

@@ -15,10 +15,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
-from narx_sklearn.identification import record
-from narx_sklearn.identification.compression import screened_library, screened_on_factor, total_factor
-from narx_sklearn.identification.folds import Fold, runs_of, split_in_runs
-from narx_sklearn.identification.record import ArrayRecord
+from narx_sklearn.identification.cross_validation.folds import Fold, runs_of, split_in_runs
+from narx_sklearn.identification.one_step.compression import (
+    screened_library,
+    screened_on_factor,
+    total_factor,
+)
+from narx_sklearn.identification.records import record
+from narx_sklearn.identification.records.record import ArrayRecord
 from narx_sklearn.model import DifferenceSign, Play, TermLibrary
 from narx_sklearn.model.recording import Layout
 
@@ -175,8 +179,8 @@ def test_a_batch_may_be_a_dask_collection():
 
 @pytest.mark.parametrize("constraints", [None, "y[k-1] + y[k-2] = 0.3"])
 def test_large_libraries_are_screened_to_the_same_candidates(constraints, monkeypatch):
-    monkeypatch.setattr("narx_sklearn.identification.compression.SCREENING_CANDIDATES", 20)
-    monkeypatch.setattr("narx_sklearn.identification.compression.SCREENED_PER_TERM", 2)
+    monkeypatch.setattr("narx_sklearn.identification.one_step.compression.SCREENING_CANDIDATES", 20)
+    monkeypatch.setattr("narx_sklearn.identification.one_step.compression.SCREENED_PER_TERM", 2)
     more = SETTINGS | {"constraints": constraints, "origin": "zero"}
     plain = NARXRegressor(**more).fit(*RECORD)
     ours = NARXRegressor(**more).fit(*(chunked(d, [99, 141]) for d in RECORD))
@@ -237,7 +241,7 @@ def test_partitions_of_unequal_lengths_are_refused_where_dask_does_not_know_them
 
 
 def test_a_fit_on_a_cluster_resumes_from_its_checkpoint(tmp_path, monkeypatch):
-    monkeypatch.setattr("narx_sklearn.identification.distributed.GROUP_BLOCKS", 2)
+    monkeypatch.setattr("narx_sklearn.identification.records.distributed.GROUP_BLOCKS", 2)
     sides = [chunked(data, [40] * 6) for data in RECORD]
     plain = NARXRegressor(**SETTINGS).fit(*sides)
     NARXRegressor(**SETTINGS, checkpoint=tmp_path).fit(*sides)
@@ -351,7 +355,7 @@ import sys
 import time
 import numpy as np
 from narx_sklearn import NARXRegressor
-from narx_sklearn.identification import record
+from narx_sklearn.identification.records import record
 
 def fit(folder):
     rng = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import pytest
 
 from narx_sklearn import NARXRegressor
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.at_rest import drift_at_rest
+from narx_sklearn.identification.validation.at_rest import drift_at_rest
 from narx_sklearn.model import AbsoluteDifference, Difference, DifferenceSign, NARXModel, Play, free_run
 from narx_sklearn.signals import prfs
 

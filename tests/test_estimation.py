@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from narx_sklearn.exceptions import RankWarning
 from narx_sklearn.identification import Factor, LinearConstraints, least_squares, recursive_least_squares
-from narx_sklearn.identification.estimation import _recursive_least_squares
-from narx_sklearn.identification.extended import extended_least_squares
-from narx_sklearn.identification.regressors import Candidates
+from narx_sklearn.identification.one_step.estimation import _recursive_least_squares
+from narx_sklearn.identification.one_step.extended import extended_least_squares
+from narx_sklearn.identification.one_step.regressors import Candidates
 from narx_sklearn.model import TermLibrary
 from narx_sklearn.model.recording import Layout, lay_out
 

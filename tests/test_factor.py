@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.identification import Factor, compress
-from narx_sklearn.identification.regressors import Candidates, chunks
+from narx_sklearn.identification.one_step.regressors import Candidates, chunks
 from narx_sklearn.model import TermLibrary
 from narx_sklearn.model.recording import Layout, lay_out
 

@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.fleet import (
     diagnose_fleet,
     pool_estimates,
 )
-from narx_sklearn.identification.many import by_session
+from narx_sklearn.identification.free_run.many import by_session
 
 ABOUT = {"dt": 0.05, "states": ["position [m]", "velocity [m/s]"], "inputs": ["drive [V]"]}
 NOMINAL = {"gain [m/s^2/V]": 1.0, "damping [1/s]": 0.8, "stiffness [1/s^2]": 12.0}

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from thesis_models import EXAMPLE_2_9, EXAMPLE_2_10, EXAMPLE_4_1, M_I, M_INVERSE, M_R, PHI
 
 from narx_sklearn.analysis import continuum_of_steady_states, hysteresis_loop, hysteresis_report
-from narx_sklearn.identification.hysteresis import hysteresis_structure, vanishes_at_rest
-from narx_sklearn.identification.structure import structure_filter
+from narx_sklearn.identification.structure.candidates import structure_filter
+from narx_sklearn.identification.structure.hysteresis import hysteresis_structure, vanishes_at_rest
 from narx_sklearn.model import (
     AsymmetricSign,
     FunctionPhi,

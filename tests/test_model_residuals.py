@@ -6,7 +6,11 @@ import pytest
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.analysis import residual_tests
 from narx_sklearn.displays import ResidualTestsDisplay
-from narx_sklearn.identification.residuals import model_residuals, one_step_residuals, simulation_residuals
+from narx_sklearn.identification.validation.residuals import (
+    model_residuals,
+    one_step_residuals,
+    simulation_residuals,
+)
 from narx_sklearn.model import NARXModel
 
 ROUNDING = 1e-10  # of levels near 1, over a nudge of 1e-4 and up to 800 samples

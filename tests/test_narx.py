@@ -17,7 +17,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.exceptions import DivergenceWarning, ExcitationWarning, NarxWarning, RankWarning
-from narx_sklearn.identification import compression
+from narx_sklearn.identification.one_step import compression
 from narx_sklearn.model import Difference, DifferenceSign, NARXModel, Polynomial, TermLibrary, free_run
 
 NINE_TERMS = NARXModel.from_equations(

@@ -11,10 +11,10 @@ from joblib import parallel_config
 from narx_sklearn import NARXRegressor, NARXRegressorCV, free_run
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import Factor, record, recordings
-from narx_sklearn.identification.many import by_session, free_run_many
-from narx_sklearn.identification.record import Moments
-from narx_sklearn.identification.recordings import Recordings
-from narx_sklearn.identification.scoring import free_run_score
+from narx_sklearn.identification.free_run.many import by_session, free_run_many
+from narx_sklearn.identification.free_run.scoring import free_run_score
+from narx_sklearn.identification.records.record import Moments
+from narx_sklearn.identification.records.recordings import Recordings
 from narx_sklearn.model import AbsoluteDifference, Difference, FunctionPhi, NARXModel, Play
 
 LENGTHS = (400, 150, 300)
@@ -198,7 +198,7 @@ def test_outputs_beside_recordings_are_refused(files):
 
 
 def test_a_refinement_too_long_to_start_unasked_is_left_out_and_said(files, monkeypatch):
-    monkeypatch.setattr("narx_sklearn.identification.free_run_fit.GATHERED_SAMPLES", 100)
+    monkeypatch.setattr("narx_sklearn.identification.free_run.free_run_fit.GATHERED_SAMPLES", 100)
     with pytest.warns(NarxWarning, match="n_samples = 850 are more than the 100"):
         narx = NARXRegressor(2, 2).fit(open_files(files))
     assert narx.refinement_ is None

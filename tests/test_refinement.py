@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from narx_sklearn.exceptions import DivergenceWarning, NarxWarning
 from narx_sklearn.identification import LinearConstraints, NARXRegressor, refine_free_run
-from narx_sklearn.identification.refinement import _Runs
+from narx_sklearn.identification.free_run.refinement import _Runs
 from narx_sklearn.model import Difference, NARXModel, Play, free_run
 
 TRUTH = NARXModel.from_equations("1.2*y[k-1] - 0.4*y[k-2] + 0.5*u[k-1] + 0.2*u[k-1]*y[k-1] - 0.1*y[k-1]^3")

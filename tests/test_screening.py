@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from narx_sklearn.identification import parse_constraints
-from narx_sklearn.identification._products import SumPlan, term_values, weighted_sums
-from narx_sklearn.identification.regressors import Candidates
-from narx_sklearn.identification.screening import screen_terms, screening_cost
-from narx_sklearn.identification.selection import COLLINEARITY, EXACT
+from narx_sklearn.identification.one_step._products import SumPlan, term_values, weighted_sums
+from narx_sklearn.identification.one_step.regressors import Candidates
+from narx_sklearn.identification.one_step.screening import screen_terms, screening_cost
+from narx_sklearn.identification.one_step.selection import COLLINEARITY, EXACT
 from narx_sklearn.model import DifferenceSign, TermLibrary
 from narx_sklearn.model.recording import Layout, lay_out
 

@@ -18,7 +18,7 @@ from narx_sklearn.identification import (
     search_terms,
     size_window,
 )
-from narx_sklearn.identification.selection import _best_pair, _Projection
+from narx_sklearn.identification.one_step.selection import _best_pair, _Projection
 
 
 @st.composite

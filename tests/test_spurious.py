@@ -6,8 +6,8 @@ import pytest
 
 from narx_sklearn import NARXRegressor
 from narx_sklearn.identification import Factor, SelectionPath, least_squares, search_terms
-from narx_sklearn.identification.spurious import detect_spurious_clusters
 from narx_sklearn.identification.transformers import TermTransformer
+from narx_sklearn.identification.validation.spurious import detect_spurious_clusters
 from narx_sklearn.model import TermLibrary
 
 TRUE_CLUSTERS = {"y", "u", "u^2", "y*u^2"}

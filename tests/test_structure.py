@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from narx_sklearn.identification import NARXRegressor, exclude_clusters
-from narx_sklearn.identification.structure import (
+from narx_sklearn.identification.structure.candidates import (
     candidate_library,
     cluster_text,
     parse_cluster,

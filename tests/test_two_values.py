@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.exceptions import ExcitationWarning
-from narx_sklearn.identification.procedure import Problem
-from narx_sklearn.identification.record import Moments
+from narx_sklearn.identification.one_step.procedure import Problem
+from narx_sklearn.identification.records.record import Moments
 from narx_sklearn.identification.two_values import two_valued, without_repeated_powers
 from narx_sklearn.model import TermLibrary
 

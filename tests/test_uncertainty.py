@@ -7,9 +7,13 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 from narx_sklearn.identification import LinearConstraints, ParameterUncertainty, refine_free_run
-from narx_sklearn.identification.refinement import free_run_uncertainty
-from narx_sklearn.identification.regressors import Candidates
-from narx_sklearn.identification.uncertainty import n_stretches, one_step_scores, parameter_uncertainty
+from narx_sklearn.identification.free_run.refinement import free_run_uncertainty
+from narx_sklearn.identification.one_step.regressors import Candidates
+from narx_sklearn.identification.one_step.uncertainty import (
+    n_stretches,
+    one_step_scores,
+    parameter_uncertainty,
+)
 from narx_sklearn.model import NARXModel, TermLibrary, free_run
 from narx_sklearn.model.recording import Layout, lay_out
 

@@ -23,7 +23,7 @@ from narx_sklearn.analysis import advise
 from narx_sklearn.compensation import InverseCompensator, PrandtlIshlinskiiCompensator, RootCompensator
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification import ErrSelector
-from narx_sklearn.identification.many import by_session, free_run_many
+from narx_sklearn.identification.free_run.many import by_session, free_run_many
 from narx_sklearn.model import NARXModel, free_run, predict_k_steps, predict_one_step
 from narx_sklearn.physics import BoucWen
 

@@ -23,7 +23,7 @@ from harness.search import Config, grid
 
 from methods.ours_state import OurModel, fit_free_run
 from narx_sklearn import NARXRegressor, NARXRegressorCV
-from narx_sklearn.identification.simulation_search import FreeRunData, select_on_simulation
+from narx_sklearn.identification.free_run.simulation_search import FreeRunData, select_on_simulation
 from narx_sklearn.model import Term, TermLibrary
 
 MAX_CANDIDATES = 500  # of larger libraries only the newest lags make products

@@ -10,8 +10,8 @@ from scipy.stats import f as fisher
 
 from narx_sklearn._validation import as_signals, check_indexes, check_same_length
 from narx_sklearn.analysis.sampling import sampling_advice
-from narx_sklearn.identification.regressors import chunks
-from narx_sklearn.identification.uncertainty import STRETCHES, OneStepScores, one_step_scores
+from narx_sklearn.identification.one_step.regressors import chunks
+from narx_sklearn.identification.one_step.uncertainty import STRETCHES, OneStepScores, one_step_scores
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import layout_of
 from narx_sklearn.model.terms import Term, TermLibrary, Variable

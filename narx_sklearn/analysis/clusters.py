@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from narx_sklearn.identification.structure import cluster_text
+from narx_sklearn.identification.structure.candidates import cluster_text
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.polynomials import Polynomial
 from narx_sklearn.model.terms import Term, Variable

@@ -12,8 +12,8 @@ from narx_sklearn.analysis._held import (
     rest_polynomials,
     resting_phi,
 )
-from narx_sklearn.identification.hysteresis import hysteresis_structure, vanishes_at_rest
-from narx_sklearn.identification.structure import cluster_text
+from narx_sklearn.identification.structure.candidates import cluster_text
+from narx_sklearn.identification.structure.hysteresis import hysteresis_structure, vanishes_at_rest
 from narx_sklearn.model.narx import NARXModel
 
 __all__ = ["Continuum", "continuum_of_steady_states"]

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from narx_sklearn._validation import column_labels, signal_names
-from narx_sklearn.identification.hysteresis import rate_independent_structure
-from narx_sklearn.identification.isolable import isolable_structure
 from narx_sklearn.identification.narx import NARXRegressor
+from narx_sklearn.identification.structure.hysteresis import rate_independent_structure
+from narx_sklearn.identification.structure.isolable import isolable_structure
 from narx_sklearn.model.phi import Difference, DifferenceSign
 
 DEGREE = 3  # as in the thesis, section 5.2

@@ -11,8 +11,8 @@ from sklearn.base import clone
 from narx_sklearn._validation import as_signals, session_slices
 from narx_sklearn.compensation.law import CompensationLaw
 from narx_sklearn.compensation.rehearsal import at_half_speed
-from narx_sklearn.identification.criteria import information_criterion
-from narx_sklearn.identification.hysteresis import resting_dynamics
+from narx_sklearn.identification.one_step.criteria import information_criterion
+from narx_sklearn.identification.structure.hysteresis import resting_dynamics
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.simulation import free_run
 

@@ -8,8 +8,8 @@ from sklearn.base import clone
 from narx_sklearn.compensation._base import Compensator
 from narx_sklearn.compensation._defaults import isolable_regressors
 from narx_sklearn.compensation.derive import isolated_law, smooth_signs
-from narx_sklearn.identification.constraints import parse_constraints
-from narx_sklearn.identification.hysteresis import expand_continuum
+from narx_sklearn.identification.structure.constraints import parse_constraints
+from narx_sklearn.identification.structure.hysteresis import expand_continuum
 from narx_sklearn.model.narx import NARXModel
 from narx_sklearn.model.terms import Term, TermLibrary
 

@@ -14,7 +14,7 @@ from sklearn.base import clone
 from narx_sklearn.discrepancy.records.record import read_record
 from narx_sklearn.discrepancy.regressor import DiscrepancyRegressor
 from narx_sklearn.discrepancy.results import Finding
-from narx_sklearn.identification.many import named_recordings
+from narx_sklearn.identification.free_run.many import named_recordings
 
 __all__ = ["FleetDiagnosis", "PooledEstimate", "diagnose_fleet", "pool_estimates"]
 

@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from narx_sklearn.identification.factor import Factor
-from narx_sklearn.identification.procedure import Compressed, Problem
-from narx_sklearn.identification.record import ArrayRecord, Moments, Record
-from narx_sklearn.identification.regressors import reach_of, remembers_all
-from narx_sklearn.identification.stretches import scores_on_factors, stretch_factors
-from narx_sklearn.identification.uncertainty import OneStepScores, n_stretches
+from narx_sklearn.identification.one_step.factor import Factor
+from narx_sklearn.identification.one_step.procedure import Compressed, Problem
+from narx_sklearn.identification.one_step.regressors import reach_of, remembers_all
+from narx_sklearn.identification.one_step.uncertainty import OneStepScores, n_stretches
+from narx_sklearn.identification.records.record import ArrayRecord, Moments, Record
+from narx_sklearn.identification.validation.stretches import scores_on_factors, stretch_factors
 from narx_sklearn.model.terms import TermLibrary
 
 

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from narx_sklearn.identification.compression import compress_record
-from narx_sklearn.identification.constraints import LinearConstraints, on_screened
-from narx_sklearn.identification.estimation import recursive_least_squares
-from narx_sklearn.identification.extended import extended_least_squares
-from narx_sklearn.identification.procedure import (
+from narx_sklearn.identification.free_run.simulation_search import FreeRunData
+from narx_sklearn.identification.one_step.compression import compress_record
+from narx_sklearn.identification.one_step.estimation import recursive_least_squares
+from narx_sklearn.identification.one_step.extended import extended_least_squares
+from narx_sklearn.identification.one_step.procedure import (
     Compressed,
     Problem,
     Selected,
@@ -17,10 +17,10 @@ from narx_sklearn.identification.procedure import (
     select_terms,
     total_criterion,
 )
-from narx_sklearn.identification.record import Record
-from narx_sklearn.identification.regressors import Candidates
+from narx_sklearn.identification.one_step.regressors import Candidates
+from narx_sklearn.identification.records.record import Record
 from narx_sklearn.identification.settings import longest_size, ridge_penalty
-from narx_sklearn.identification.simulation_search import FreeRunData
+from narx_sklearn.identification.structure.constraints import LinearConstraints, on_screened
 from narx_sklearn.model.recording import lay_out
 
 

@@ -5,8 +5,8 @@ import warnings
 import numpy as np
 
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.procedure import Problem
-from narx_sklearn.identification.record import ArrayRecord, Record
+from narx_sklearn.identification.one_step.procedure import Problem
+from narx_sklearn.identification.records.record import ArrayRecord, Record
 from narx_sklearn.model.dead_values import dead_columns, dead_values, known_values
 
 

@@ -10,9 +10,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice, check_count, check_indexes, finite_rows, unmasked
 from narx_sklearn.exceptions import ExcitationWarning
-from narx_sklearn.identification.criteria import CRITERIA
-from narx_sklearn.identification.factor import Factor
-from narx_sklearn.identification.selection import SEARCHES, err_order, search_terms
+from narx_sklearn.identification.one_step.criteria import CRITERIA
+from narx_sklearn.identification.one_step.factor import Factor
+from narx_sklearn.identification.one_step.selection import SEARCHES, err_order, search_terms
 
 __all__ = ["ErrSelector"]
 

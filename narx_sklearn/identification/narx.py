@@ -9,29 +9,30 @@ from sklearn.utils.validation import check_is_fitted
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import as_signals, check_indexes, check_inputs_given, check_same_length
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.at_rest import warn_if_drifting
 from narx_sklearn.identification.batches import Stream
 from narx_sklearn.identification.choosing import compress_at_origins, estimate_again, select_best
-from narx_sklearn.identification.constraints import LinearConstraints
 from narx_sklearn.identification.dead import warn_of_dead
-from narx_sklearn.identification.free_run_fit import Refined, reads_all_samples, refine
-from narx_sklearn.identification.hysteresis import check_continuum
-from narx_sklearn.identification.lost import warn_if_far, warn_if_lost
+from narx_sklearn.identification.free_run.free_run_fit import Refined, reads_all_samples, refine
+from narx_sklearn.identification.free_run.lost import warn_if_far, warn_if_lost
+from narx_sklearn.identification.free_run.scoring import free_run_score
+from narx_sklearn.identification.free_run.simulation_search import FreeRunData
+from narx_sklearn.identification.free_run.sizes import size_by_free_run, warn_if_bound, warn_if_short
+from narx_sklearn.identification.one_step.procedure import Problem, Selected, build_model
 from narx_sklearn.identification.opening import open_data, open_inputs
 from narx_sklearn.identification.posing import about, constraints_of, pose
-from narx_sklearn.identification.procedure import Problem, Selected, build_model
-from narx_sklearn.identification.record import Record
-from narx_sklearn.identification.residuals import model_residuals
-from narx_sklearn.identification.scoring import free_run_score
+from narx_sklearn.identification.records.record import Record
 from narx_sklearn.identification.settings import (
     check_settings,
     check_settings_of_batches,
     refine_mode,
     wants_free_run_size,
 )
-from narx_sklearn.identification.simulation_search import FreeRunData
-from narx_sklearn.identification.sizes import size_by_free_run, warn_if_bound, warn_if_short
-from narx_sklearn.identification.told import (
+from narx_sklearn.identification.structure.constraints import LinearConstraints
+from narx_sklearn.identification.structure.hysteresis import check_continuum
+from narx_sklearn.identification.two_values import without_repeated_powers
+from narx_sklearn.identification.validation.at_rest import warn_if_drifting
+from narx_sklearn.identification.validation.residuals import model_residuals
+from narx_sklearn.identification.validation.told import (
     ScoresOf,
     error_reduction,
     parameter_intervals,
@@ -39,7 +40,6 @@ from narx_sklearn.identification.told import (
     summary_table,
     uncertainty_of,
 )
-from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.model.simulation import free_run, predict_k_steps, predict_one_step
 from narx_sklearn.model.times import step_of_rows
 

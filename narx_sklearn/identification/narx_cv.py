@@ -13,14 +13,16 @@ from sklearn.utils.validation import check_is_fitted
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice, check_count
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification.constraints import LinearConstraints
-from narx_sklearn.identification.finalists import choose_finalists, judge_finalists, refinement_decides
-from narx_sklearn.identification.folds import Fold, FoldedRecord, parted, split_in_runs
-from narx_sklearn.identification.judged import Judged, fold_weights
+from narx_sklearn.identification.cross_validation.finalists import (
+    choose_finalists,
+    judge_finalists,
+    refinement_decides,
+)
+from narx_sklearn.identification.cross_validation.folds import Fold, FoldedRecord, parted, split_in_runs
+from narx_sklearn.identification.cross_validation.judged import Judged, fold_weights
+from narx_sklearn.identification.free_run.scoring import FreeRunJudge
 from narx_sklearn.identification.narx import NARXRegressor
-from narx_sklearn.identification.opening import open_data
-from narx_sklearn.identification.posing import constraints_of, pose
-from narx_sklearn.identification.procedure import (
+from narx_sklearn.identification.one_step.procedure import (
     Compressed,
     Selected,
     build_model,
@@ -28,10 +30,12 @@ from narx_sklearn.identification.procedure import (
     scaled_constraints,
     total_criterion,
 )
-from narx_sklearn.identification.record import Record
-from narx_sklearn.identification.scoring import FreeRunJudge
-from narx_sklearn.identification.selection import search_terms
+from narx_sklearn.identification.one_step.selection import search_terms
+from narx_sklearn.identification.opening import open_data
+from narx_sklearn.identification.posing import constraints_of, pose
+from narx_sklearn.identification.records.record import Record
 from narx_sklearn.identification.settings import check_settings
+from narx_sklearn.identification.structure.constraints import LinearConstraints
 from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.metrics import DIVERGED_SCORE
 

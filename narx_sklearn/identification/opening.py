@@ -13,8 +13,8 @@ from narx_sklearn._validation import (
     session_slices,
     unmasked,
 )
-from narx_sklearn.identification.record import ArrayRecord, Record
-from narx_sklearn.identification.recordings import open_record
+from narx_sklearn.identification.records.record import ArrayRecord, Record
+from narx_sklearn.identification.records.recordings import open_record
 from narx_sklearn.identification.settings import has_no_inputs
 from narx_sklearn.model.times import step_of_rows
 

@@ -1,11 +1,11 @@
 """What is to be identified from a record: its signals, candidate terms and constraints."""
 
 from narx_sklearn._validation import signal_names, signal_units
-from narx_sklearn.identification.constraints import LinearConstraints, parse_constraints
-from narx_sklearn.identification.hysteresis import expand_continuum
-from narx_sklearn.identification.procedure import Problem
-from narx_sklearn.identification.record import Moments, Record
-from narx_sklearn.identification.structure import candidate_library, named_phi, structure_filter
+from narx_sklearn.identification.one_step.procedure import Problem
+from narx_sklearn.identification.records.record import Moments, Record
+from narx_sklearn.identification.structure.candidates import candidate_library, named_phi, structure_filter
+from narx_sklearn.identification.structure.constraints import LinearConstraints, parse_constraints
+from narx_sklearn.identification.structure.hysteresis import expand_continuum
 
 
 def pose(settings, record: Record) -> Problem:

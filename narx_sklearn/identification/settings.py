@@ -6,8 +6,8 @@ from numbers import Integral, Real
 import numpy as np
 
 from narx_sklearn._validation import check_choice, check_count
-from narx_sklearn.identification.criteria import CRITERIA
-from narx_sklearn.identification.selection import SEARCHES
+from narx_sklearn.identification.one_step.criteria import CRITERIA
+from narx_sklearn.identification.one_step.selection import SEARCHES
 
 ESTIMATORS = ("ls", "ridge", "els", "rls")
 ORIGINS = ("auto", "zero", "mean")

@@ -13,8 +13,8 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from narx_sklearn._validation import check_choice, column_labels, session_slices, signal_names, unmasked
-from narx_sklearn.identification.regressors import Candidates
-from narx_sklearn.identification.structure import candidate_library, named_phi, structure_filter
+from narx_sklearn.identification.one_step.regressors import Candidates
+from narx_sklearn.identification.structure.candidates import candidate_library, named_phi, structure_filter
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.model.recording import Layout, Recording, lay_out
 from narx_sklearn.model.terms import TermLibrary

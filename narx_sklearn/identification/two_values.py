@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from narx_sklearn.exceptions import ExcitationWarning
-from narx_sklearn.identification.procedure import Problem
-from narx_sklearn.identification.record import Moments
+from narx_sklearn.identification.one_step.procedure import Problem
+from narx_sklearn.identification.records.record import Moments
 from narx_sklearn.model.terms import Term, TermLibrary
 
 __all__ = ["two_valued", "without_repeated_powers"]
@@ -29,7 +29,7 @@ def two_valued(moments: Moments) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from narx_sklearn.identification.record import Moments
+    >>> from narx_sklearn.identification.records.record import Moments
     >>> from narx_sklearn.identification.two_values import two_valued
     >>> switch, ramp, still = [5.0, 7.0, 7.0, 5.0], [0.0, 1.0, 2.0, 3.0], [4.0, 4.0, 4.0, 4.0]
     >>> two_valued(Moments.of(np.column_stack([switch, ramp]), np.column_stack([still]))).tolist()

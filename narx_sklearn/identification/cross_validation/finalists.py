@@ -1,0 +1,110 @@
+"""The leading choices of a search, fitted to the folds as the final model will be to all the data.
+
+Least squares on a compressed record ranks hundreds of choices at once. The final fit then searches and
+refines on the free run: another model, which may be far better or run away where the first did not. So each
+structure (lags, delay, degree) sends its best size, and the one that the fit itself would find, into a second
+round.
+"""
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification.cross_validation.folds import Fold, parted
+from narx_sklearn.identification.cross_validation.judged import Judged
+from narx_sklearn.identification.free_run.free_run_fit import reads_all_samples
+from narx_sklearn.identification.free_run.scoring import FreeRunJudge
+from narx_sklearn.identification.records.record import ArrayRecord, Record
+from narx_sklearn.identification.settings import refine_mode
+
+__all__ = ["choose_finalists", "judge_finalists", "refinement_decides"]
+
+# of all training parts of all finalists together: about a minute of fits; two structures go on in any case
+FITTED_SAMPLES = 400_000
+
+
+def refinement_decides(settings, record: Record) -> bool:
+    """Tell whether the final fit may take another model than least squares, and has all samples for it."""
+    mode = refine_mode(settings.refine)
+    if mode == "never" or (mode == "auto" and record.n_outputs > 1):
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NarxWarning)  # the final fit tells it
+        return reads_all_samples(settings, record)
+
+
+def choose_finalists(
+    screened: Judged, sizes: list[dict], own_size: str | None, n_training: int
+) -> list[dict]:
+    """Return the choices that go into the second round, those of leading structures first.
+
+    Parameters
+    ----------
+    screened : Judged
+        All choices by least squares, the sizes of each structure one after another.
+    sizes : list of dict
+        The sizes: ``n_terms`` or ``criterion``.
+    own_size : str or None
+        Criterion of the search on the free run that finds the size by itself, where no size was asked for.
+    n_training : int
+        Samples in the training parts of all folds together: what one finalist costs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.identification.cross_validation.finalists import choose_finalists
+    >>> from narx_sklearn.identification.cross_validation.judged import Judged
+    >>> sizes = [{"n_terms": 1}, {"n_terms": 2}]
+    >>> grid = [{"degree": d} | size for d in (1, 2, 3) for size in sizes]
+    >>> scores = np.array([[0.5], [0.7], [0.6], [0.9], [0.1], [0.0]])
+    >>> screened = Judged(grid, scores, np.ones((6, 1)), weights=np.ones(1))
+    >>> choose_finalists(screened, sizes, None, n_training=200_000)
+    [{'degree': 2, 'n_terms': 2}, {'degree': 1, 'n_terms': 2}]
+    """
+    means = screened.pooled.reshape(-1, len(sizes))
+    counted = np.array(["n_terms" in size for size in sizes])
+    structures = [screened.choices[g * len(sizes)] for g in range(len(means))]
+    structures = [{name: s[name] for name in s if name not in ("n_terms", "criterion")} for s in structures]
+    most = max(FITTED_SAMPLES // max(n_training, 1), 2)
+    finalists = []
+    for g in np.argsort(-means.max(axis=1), kind="stable")[:most]:
+        for kind in (counted, ~counted):
+            if kind.any():
+                best = np.flatnonzero(kind)[np.argmax(means[g, kind])]
+                finalists.append(screened.choices[g * len(sizes) + best])
+        if own_size is not None:
+            finalists.append(structures[g] | {"criterion": own_size})
+    return finalists
+
+
+def judge_finalists(
+    finalists: list[dict],
+    regressor_of: Callable,
+    record: Record,
+    folds: list[Fold],
+    *,
+    weights: np.ndarray,
+    n_jobs: int | None,
+) -> Judged:
+    """Fit every finalist to the training part of every fold, and score its free run of the test part."""
+    fitted = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(_judge_fold)(finalists, regressor_of, record, fold) for fold in folds
+    )
+    scores, counts = (np.stack(part, axis=-1) for part in zip(*fitted, strict=True))
+    return Judged(finalists, scores, counts, weights)
+
+
+def _judge_fold(finalists: list[dict], regressor_of: Callable, record: Record, fold: Fold):
+    """Return score and number of terms of every finalist on one fold."""
+    X, y, labels = record.take(fold.training)
+    training = ArrayRecord(
+        X, y, parted(labels, fold.training), input_labels=record.input_labels,
+        output_labels=record.output_labels, y_ndim=record.y_ndim, sampling_period=record.sampling_period,
+    )  # fmt: skip
+    X, y, labels = record.take(fold.test)
+    judge = FreeRunJudge(X, y, sessions=parted(labels, fold.test))
+    models = [regressor_of(**finalist).fit(training).model_ for finalist in finalists]
+    return [judge.score(model) for model in models], [model.n_terms for model in models]

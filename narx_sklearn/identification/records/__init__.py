@@ -1,0 +1,4 @@
+"""Records that are read block by block, wherever they are.
+
+A ``record`` of arrays, ``recordings`` in files, and ``distributed`` ones on workers.
+"""
