@@ -123,15 +123,29 @@ def test_the_best_exchange_of_pairs_is_that_of_brute_force(regression, data):
     assert after(out, into) == pytest.approx(rss, rel=1e-7, abs=1e-9 * (y @ y))
 
 
+def test_pairs_are_exchanged_among_chosen_columns_that_are_nearly_equal():
+    """Where two chosen columns differ by a millionth, both are a poor choice, and what to take is clear."""
+    rng = np.random.default_rng(0)
+    Psi = rng.normal(size=(40, 6))
+    Psi[:, 1] = Psi[:, 0] + 1e-6 * rng.normal(size=40)
+    y = Psi[:, 2] + Psi[:, 4] - 2.0 * Psi[:, 5]
+    rss, out, into = _Projection(Factor.of(Psi, y), 0).pair_exchange([0, 1, 2])
+    assert rss == pytest.approx(residual_square(Psi, y, [2, 4, 5]), abs=1e-9 * (y @ y))
+    assert out == (0, 1)
+    assert set(into) == {4, 5}
+
+
 @given(st.integers(0, 999))
 def test_the_pair_kernel_is_its_python_original(seed):
     rng = np.random.default_rng(seed)
     A, along = rng.normal(size=(9, 6)), rng.normal(size=(2, 6))
     A[:, 3] = along[:, 3] = 0.0
-    arguments = (A.T @ A, rng.normal(size=6), along, rng.normal(size=2), rng.random(6) < 0.8, 1e-22)
+    arguments = (A.T @ A, rng.normal(size=6), along, *rng.normal(size=2), rng.random(6) < 0.8, 1e-22, -1.0)
     gain, first, second = _best_pair(*arguments)
     assert (first, second) == _best_pair.py_func(*arguments)[1:]
     assert gain == pytest.approx(_best_pair.py_func(*arguments)[0], rel=1e-12)
+    assert _best_pair(*arguments[:-1], gain) == (gain, -1, -1)  # no more than is there already
+    assert _best_pair(*arguments[:-1], 0.99 * gain) == (gain, first, second)
 
 
 @given(regressions())

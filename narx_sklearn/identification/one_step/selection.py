@@ -24,6 +24,8 @@ COLLINEARITY = 1e-11
 IMPROVEMENT = 1e-9
 # Share of y'y at which a residual is rounding and cannot be reduced any more.
 EXACT = 1e-24
+# Sine of the angle between two directions, below which their difference is made of the columns themselves.
+NEARLY_PARALLEL = 1e-4
 # Sizes on either side of the criterion's minimum at which pairs of terms are exchanged.
 EXCHANGE_REACH = 2
 
@@ -137,21 +139,12 @@ class _Projection:
         """
         P_rest, y_rest, Q, T = self._split(support)
         duals = Q @ solve_triangular(T, np.eye(len(support)), trans="T", check_finite=False)
-        products = P_rest.T @ P_rest
-        numerators = P_rest.T @ y_rest
-        free = self.usable.copy()
-        best = (np.inf, (-1, -1), (-1, -1))
         rss = float(y_rest @ y_rest)
-        for i in range(len(support)):
-            for j in range(i + 1, len(support)):
-                basis, _ = qr(duals[:, [i, j]], mode="economic", check_finite=False)
-                back = basis.T @ self.y
-                gain, a, b = _best_pair(
-                    products, numerators, np.ascontiguousarray(basis.T @ self.P), back, free, COLLINEARITY**2
-                )
-                if rss + back @ back - gain < best[0]:
-                    best = (float(rss + back @ back - gain), (i, j), (int(a), int(b)))
-        return best
+        better, i, j, a, b = _best_exchange(
+            P_rest.T @ P_rest, P_rest.T @ y_rest, np.ascontiguousarray(duals.T), self.P, duals.T @ self.P,
+            duals.T @ self.y, self.y, self.usable, COLLINEARITY**2,
+        )  # fmt: skip
+        return (rss - better if i >= 0 else np.inf), (int(i), int(j)), (int(a), int(b))
 
     def collinear(self, support: list[int]) -> tuple[int, ...]:
         """Return the columns that lie in the span of ``support`` to rounding."""
@@ -178,36 +171,82 @@ class _Projection:
 
 
 @njit(cache=True, nogil=True)
-def _best_pair(products, numerators, along, back, free, smallest):
-    """Return the largest joint gain of two columns, and which.
+def _best_exchange(products, numerators, duals, P, along, back, target, free, smallest):
+    """Return what the best exchange of two chosen columns for two others takes off the residual, and which.
 
     ``products`` and ``numerators`` are the inner products of the columns with each other and with the
-    target, orthogonal to the chosen ones; ``along``, shape (2, n_columns), and ``back`` are the parts along
-    two orthonormal directions that are given back to them.
+    target, orthogonal to the chosen ones. ``duals`` are the parts of the chosen columns, a row each, that the
+    other chosen ones cannot make; ``along`` and ``back`` are the parts of the columns and of the target along
+    them.
+    """
+    n_chosen, n = along.shape
+    best, out_1, out_2, in_1, in_2 = -np.inf, -1, -1, -1, -1
+    given = np.empty((2, n))
+    for i in range(n_chosen):
+        length = np.sqrt(np.sum(duals[i] ** 2))
+        first = duals[i] / length
+        given[0] = along[i] / length
+        back_1 = back[i] / length
+        for j in range(i + 1, n_chosen):
+            # an orthonormal basis of what the two give back
+            size = np.sqrt(np.sum(duals[j] ** 2))
+            share = np.sum(first * duals[j])
+            second = duals[j] - share * first
+            rest = np.sum(first * second)
+            second -= rest * first  # removes what rounding left of the first
+            width = np.sqrt(np.sum(second**2))
+            if width > NEARLY_PARALLEL * size:
+                given[1] = (along[j] - (share + rest) * given[0]) / width
+                back_2 = (back[j] - (share + rest) * back_1) / width
+            elif width > 0.0:  # the difference of what is along them would have few digits
+                given[1] = (second / width) @ P
+                back_2 = np.sum(second * target) / width
+            else:
+                continue
+            cost = back_1**2 + back_2**2
+            least = max(best + cost, -1.0)  # no gain is negative
+            gain, a, b = _best_pair(products, numerators, given, back_1, back_2, free, smallest, least)
+            if a >= 0:
+                best, out_1, out_2, in_1, in_2 = gain - cost, i, j, a, b
+    return best, out_1, out_2, in_1, in_2
+
+
+@njit(cache=True, nogil=True)
+def _best_pair(products, numerators, given, back_1, back_2, free, smallest, least):
+    """Return the largest joint gain of two columns that is more than ``least``, and which; else ``least``.
+
+    ``given``, shape (2, n_columns), ``back_1`` and ``back_2`` are the parts of the columns and of the target
+    along two orthonormal directions that are given back to them.
     """
     n = numerators.size
-    best, first, second = -1.0, -1, -1
+    squares, numbers = np.empty(n), np.empty(n)
+    for b in range(n):
+        squares[b] = products[b, b] + given[0, b] ** 2 + given[1, b] ** 2
+        if not free[b] or squares[b] <= smallest:
+            squares[b] = 0.0  # takes no part
+        numbers[b] = numerators[b] + given[0, b] * back_1 + given[1, b] * back_2
+    best, first, second = least, -1, -1
+    rests, gains, beyond = np.empty(n), np.empty(n), np.empty(n)
     for a in range(n):
-        if not free[a]:
+        if squares[a] == 0.0:
             continue
-        x, y = along[0, a], along[1, a]
-        square_a = products[a, a] + x * x + y * y
-        if square_a <= smallest:
-            continue
-        number_a = numerators[a] + x * back[0] + y * back[1]
-        gain_a = number_a * number_a / square_a
-        for b in range(a + 1, n):
-            square_b = products[b, b] + along[0, b] ** 2 + along[1, b] ** 2
-            cross = products[a, b] + x * along[0, b] + y * along[1, b]
-            # what is left of b orthogonal to a
-            rest = square_b - cross * cross / square_a
-            if rest <= 1e-9 * square_b or square_b <= smallest or not free[b]:
-                continue
-            number = numerators[b] + along[0, b] * back[0] + along[1, b] * back[1]
-            number -= cross / square_a * number_a
-            gain = gain_a + number * number / rest
-            if gain > best:
-                best, first, second = gain, a, b
+        x, y, number_a, inverse = given[0, a], given[1, a], numbers[a], 1.0 / squares[a]
+        gain_a = number_a * number_a * inverse
+        wanted = best - gain_a
+        row, along_1, along_2 = products[a, a + 1 :], given[0, a + 1 :], given[1, a + 1 :]
+        square, target = squares[a + 1 :], numbers[a + 1 :]
+        # without a division and without a branch, so that the loop runs on several columns at a time
+        for b in range(row.size):
+            cross = row[b] + x * along_1[b] + y * along_2[b]
+            rests[b] = square[b] - cross * cross * inverse  # what is left of b orthogonal to a
+            number = target[b] - cross * inverse * number_a
+            gains[b] = number * number
+            beyond[b] = gains[b] - wanted * rests[b]
+        for b in range(row.size):
+            if beyond[b] > 0.0 and rests[b] > 1e-9 * square[b]:
+                gain = gain_a + gains[b] / rests[b]
+                if gain > best:
+                    best, first, second = gain, a, a + 1 + b
     return best, first, second
 
 
