@@ -19,6 +19,7 @@ import pytest
 from scipy.signal import lfilter
 
 import narx_sklearn
+import narx_sklearn.report
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn._progress import progress, write_beside
 from narx_sklearn.analysis import continuum_of_steady_states
@@ -67,6 +68,7 @@ def bench(tmp_path_factory):
     record.assign(y_sim=y_sim).to_csv(
         folder / "trace.csv", index=False, sep=";", decimal=",", encoding="utf-8-sig"
     )
+    record.assign(**{"current [A]": y_sim**2}).to_csv(folder / "both.csv", index=False)
     (folder / "servo.py").write_text(SERVO)
     return folder
 
@@ -148,6 +150,14 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
         (["diagnose", "{bench}", "--dt", "0.02"], "bench.csv one of 0.01 s. Leave out --dt to"),
         (["diagnose", "{bench}", "--u", "1"], "--u 1: column 'time [s]' is the time"),
         (
+            ["diagnose", "{both}", "--model", "{servo}", "--y", "position,current"],
+            "--y names 'current [A]', which the simulator does not know: its outputs are position [m]. Leave",
+        ),
+        (
+            ["diagnose", "{both}", "--model", "{servo}", "--u", "drive,current"],
+            "--u names 'current [A]', which the simulator does not know: its inputs are drive [V]. Leave",
+        ),
+        (
             ["diagnose", "{bench}", "--model", "{servo}:make", "--y-sim", "1"],
             "Give --model or --y-sim, not both",
         ),
@@ -185,7 +195,7 @@ def test_milliseconds_that_were_taken_for_seconds_are_asked_about(bench, tmp_pat
     ],
 )
 def test_wrong_use_ends_with_2_and_says_what_is_wanted(bench, arguments, message, capsys):
-    names = {"bench": str(bench / "bench.csv"), "servo": str(bench / "servo.py")}
+    names = {"both": bench / "both.csv", "bench": str(bench / "bench.csv"), "servo": str(bench / "servo.py")}
     assert main([argument.format(**names) for argument in arguments]) == 2
     *_, sentence, way = capsys.readouterr().err.splitlines()
     assert message in sentence
@@ -947,3 +957,17 @@ def test_demo_names_its_friction_and_writes_a_report(tmp_path, capsys, monkeypat
     assert finding["parameters"]["Fc"] == pytest.approx(1.6, rel=0.05)
     assert "Coulomb friction" in (tmp_path / "narx-demo.html").read_text(encoding="utf-8")
     assert sorted(os.listdir(tmp_path)) == ["demo.csv", "demo.json", "narx-demo.html"]
+
+
+def test_words_and_numbers_are_told_before_a_report_that_fails(bench, tmp_path, capsys, monkeypatch):
+    def broken(*_, **__):
+        raise ValueError("no page today")
+
+    monkeypatch.setattr(narx_sklearn.report, "render_report", broken)
+    asked = ["diagnose", str(bench / "bench.csv"), "--model", str(bench / "servo.py"), FEW, "--quiet"]
+    assert main([*asked, "--json", str(tmp_path / "a.json"), "--report", str(tmp_path / "a.html")]) == 1
+    said = capsys.readouterr()
+    assert "Coulomb friction" in said.out
+    assert "no page today" in said.err
+    assert json.loads((tmp_path / "a.json").read_text())["findings"]
+    assert not (tmp_path / "a.html").exists()

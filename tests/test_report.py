@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.report import render_report, write_report
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import before_and_after, thinned
-from narx_sklearn.report._render import _location_tables, _what
+from narx_sklearn.report._render import _location_tables, _residuals, _what
 from narx_sklearn.report._runs import gather, whitened
 from narx_sklearn.report._words import finding_table, headline, number
 
@@ -414,6 +414,23 @@ def test_a_report_is_written_to_a_file_from_a_dataframe(case, tmp_path):
     dx, u, y = case
     write_report(dx, tmp_path / "report.html", pd.DataFrame({"drive [V]": u}), pd.Series(y))
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_what_is_left_of_short_runs_is_tested_as_far_as_they_reach(case):
+    """The scored runs of an unstable machine begin anew every few samples."""
+    dx, u, y = case
+    material = gather(dx, u, y)
+    (told,) = _residuals(dx, material._replace(sessions=np.arange(u.size) // 4), ["position"])
+    assert [row[0] for row in told["correlations"].rows] == ["0", "1", "2", "3"]
+    (told,) = _residuals(dx, material._replace(sessions=np.arange(u.size)), ["position"])
+    assert told == {"verdict": "Of position too few samples in a row are left for tests."}
+
+
+def test_an_input_that_held_out_data_do_not_move_is_told_by_its_name(case):
+    dx, u, y = case
+    material = gather(dx, u, y)
+    (told,) = _residuals(dx, material._replace(u=np.full_like(material.u, 2.0)), ["position"])
+    assert "Input drive is constant" in told["verdict"]
 
 
 def test_a_limit_that_nothing_reached_is_not_told_as_a_number():

@@ -230,6 +230,21 @@ def test_duplicated_samples_are_counted():
     assert found["duplicated_samples"].evidence["repeated"] == 20
 
 
+def test_values_of_few_digits_that_meet_while_the_input_rests_are_no_doubled_samples():
+    """Neighbours that are apart by some ten digits meet by chance half as often as they miss by one."""
+    u = np.repeat(np.random.default_rng(3).normal(size=N // 100 + 1), 100)[:N, None]
+    y = nominal().simulate(u)
+    step = np.ptp(y) / 2**15
+    y += step * np.random.default_rng(4).normal(0.0, 2.0, size=y.shape)
+    y = step * np.round(y / step)
+    repeated = int(np.sum((np.diff(y, axis=0) == 0).all(axis=1) & (np.diff(u, axis=0) == 0).all(axis=1)))
+    assert repeated > 0.01 * N
+    assert "duplicated_samples" not in codes(u, y)
+    rows = np.sort(np.concatenate([np.arange(N), np.arange(101, N, 12)]))
+    found = {f.code: f for f in check_record(nominal(), u[rows], y[rows])}
+    assert found["duplicated_samples"].evidence["repeated"] >= np.arange(101, N, 12).size
+
+
 def test_an_output_that_repeats_while_the_input_changes_is_told():
     u, y = record()
     y[700:780] = y[700]

@@ -468,6 +468,34 @@ def _check_column(values, name):
     return values[:, 0]
 
 
+def longest_lag(residuals, sessions=None, *, at_most: int = 25) -> int:
+    """Return the longest lag, up to a limit, that enough residuals reach for `residual_tests`; 0 for none.
+
+    Parameters
+    ----------
+    residuals : array-like of shape (n_samples,)
+        NaN where there is none.
+    sessions : array-like of shape (n_samples,), default=None
+        One label a sample.
+    at_most : int, default=25
+        The limit.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.analysis.residuals import longest_lag
+    >>> longest_lag(np.zeros(100)), longest_lag(np.zeros(100), np.arange(100) // 5)
+    (25, 4)
+    """
+    reach = segment_reach(np.isfinite(as_signals(residuals, "residuals")[:, 0]), sessions)
+    enough = [lag for lag in range(1, at_most + 1) if np.count_nonzero(reach >= lag) >= MIN_PRODUCTS]
+    return max(enough, default=0)
+
+
 def _check_length(reach, max_lag):
     n_products = np.count_nonzero(reach >= max_lag)
     if n_products < MIN_PRODUCTS:

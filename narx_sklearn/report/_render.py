@@ -1,12 +1,13 @@
 """The report of a diagnosis as one HTML file that needs nothing else."""
 
+import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from narx_sklearn.analysis.residuals import residual_tests
+from narx_sklearn.analysis.residuals import longest_lag, residual_tests
 from narx_sklearn.discrepancy.fitting.acting import name_added, unit_added
 from narx_sklearn.discrepancy.report_text import (
     about_parameters,
@@ -19,6 +20,7 @@ from narx_sklearn.discrepancy.report_text import (
     what_is_not_confirmed,
 )
 from narx_sklearn.discrepancy.results import p_text
+from narx_sklearn.exceptions import ExcitationWarning
 from narx_sklearn.report._curves import effect_curves
 from narx_sklearn.report._figures import (
     before_and_after,
@@ -465,16 +467,24 @@ def _residuals(dx, material: Material, outputs) -> list[dict]:
     if np.isfinite(rest).all(axis=1).sum() < FEWEST_RESIDUALS:
         rest, where = material.y - material.after.y, "the fitting windows"
     left = whitened(rest, noise_left(dx, material), material.sessions)
-    told = []
+    told: list[dict] = []
+    u = pd.DataFrame(material.u, columns=[str(signal) for signal in material.simulator.inputs])
     for column, label in enumerate(outputs):
-        tests = residual_tests(
-            left[:, column],
-            material.u,
-            material.y[:, column],
-            sessions=material.sessions,
-            n_resamples=N_RESAMPLES,
-            random_state=0,
-        )
+        max_lag = longest_lag(left[:, column], material.sessions)  # runs may begin anew every few samples
+        if max_lag == 0:
+            told.append({"verdict": f"Of {label} too few samples in a row are left for tests."})
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ExcitationWarning)  # the verdict says it
+            tests = residual_tests(
+                left[:, column],
+                u,
+                material.y[:, column],
+                max_lag=max_lag,
+                sessions=material.sessions,
+                n_resamples=N_RESAMPLES,
+                random_state=0,
+            )
         caption = (
             f"Correlations of what is left of {label} on {where}, the noise's own colour taken out. "
             "Shaded: bounds; u the input, xi what is left."

@@ -259,6 +259,10 @@ def difference_table(time: np.ndarray, residual: np.ndarray, unit: str | None) -
 
 def residual_sentence(tests: ResidualTests) -> str:
     """Return what the residual tests say about a simulation, in words."""
+    return " ".join([_what_tests_say(tests), *tests.skipped])
+
+
+def _what_tests_say(tests: ResidualTests) -> str:
     failed = [test for test in tests.tests if test.rejected]
     if not failed:
         return (

@@ -15,6 +15,7 @@ REST = 1e-9  # relative spread below which a signal counts as constant
 HELD_RUN = 10  # equal rows in a row that count as rest and not as duplicated samples
 SUSPICIOUS_SHARE = 0.005  # of the samples
 SUSPICIOUS_COUNT = 5  # samples, in a short record
+SIGMAS = 4.0  # by which repeated rows must exceed those that chance makes
 DISTINCT = 0.7  # share of distinct values among changing samples from which a signal is not quantised
 
 
@@ -100,7 +101,8 @@ def _jumping_outputs(simulator: Simulator, u, y, pieces):
 
 def _duplicated_samples(u, y, pieces):
     """Yield a finding if rows repeat although the outputs are not quantised."""
-    repeated = n_seen = 0
+    repeated = n_seen = n_nearly = 0
+    steps = np.array([_finest_step(y[:, i], pieces) for i in range(y.shape[1])])
     for piece in pieces:
         rows = np.column_stack([u[piece], y[piece]])
         same = np.concatenate([[False], (rows[1:] == rows[:-1]).all(axis=1)])
@@ -113,13 +115,27 @@ def _duplicated_samples(u, y, pieces):
         n_seen += same.size
         if len(changing) and distinct >= DISTINCT * len(changing):
             repeated += sum(b - a for a, b in true_runs(same) if b - a < HELD_RUN)
-    if repeated >= max(SUSPICIOUS_COUNT, SUSPICIOUS_SHARE * n_seen):
+            moved = np.abs(np.diff(y[piece], axis=0))
+            nearly = (moved < 1.5 * steps).all(axis=1) & (moved > 0).any(axis=1)
+            n_nearly += int((nearly & (np.diff(u[piece], axis=0) == 0).all(axis=1)).sum())
+    # values that are written to few digits meet by chance as often as they miss by one digit either way
+    by_chance = n_nearly / (3 ** y.shape[1] - 1)
+    excess = repeated - by_chance
+    enough = max(SUSPICIOUS_COUNT, SUSPICIOUS_SHARE * n_seen, SIGMAS * np.sqrt(repeated + by_chance))
+    if excess >= enough:
         yield DataFinding(
             "duplicated_samples",
             f"{repeated} of {n_seen} rows repeat the row before in every column, although the outputs are "
             "not quantised: samples were doubled, or a slower record was held. Remove them or mark them NaN.",
             {"repeated": int(repeated), "share": repeated / n_seen},
         )
+
+
+def _finest_step(column: np.ndarray, pieces: list[slice]) -> float:
+    """Return the least change of a signal from sample to sample; 0 where it never changes."""
+    moved = np.abs(np.concatenate([np.diff(column[piece]) for piece in pieces] or [np.empty(0)]))
+    moved = moved[np.isfinite(moved) & (moved > 0)]
+    return float(moved.min(initial=np.inf)) if moved.size else 0.0
 
 
 def _clipped_outputs(simulator: Simulator, u, y, pieces):
