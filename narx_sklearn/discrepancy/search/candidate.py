@@ -91,12 +91,14 @@ class Candidate:
         price of the former decides, since their shapes are fitted within narrow physical ranges. An effect
         that one meets elsewhere pays for its odd place. What acts for a while, or happened once, pays for the
         samples at which it begins and ends, each chosen among all; a value that was chosen among many that no
-        fit reaches from each other pays for these.
+        fit reaches from each other pays for these, and a threshold, of which n samples tell about the square
+        root of n apart, for those.
         """
         n = self.n_samples
         price = 2 * np.log(np.log(n)) * self.n_parameters + np.log(n) * len(self.effects)
         price += ODD * sum(effect.odd for effect in self.effects)
         price += 2 * sum(np.log(e.effect.n_apart) for e in self.effects if e.effect.n_apart)
+        price += np.log(n) * sum(len(e.effect.chosen) for e in self.effects)
         ends = sum(e.during.n_ends + len(e.effect.instants) for e in self.effects)
         return price + 2 * np.log(n) * (ends - self.given)
 

@@ -1,5 +1,7 @@
 """Other valleys of the cost: values round those that a fit came to, for effects whose cost has many."""
 
+from itertools import product
+
 import numpy as np
 from scipy.stats import qmc
 
@@ -9,6 +11,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import directions, off
 
 OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
+ASIDE = (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1)  # of the range, by which a threshold is moved at first
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
 FITTED = 3  # values from which a fit goes on
@@ -20,19 +23,21 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
 
     What holds and jumps changes the cost in steps, and a fit stays near its start. What each value would
     leave is told from one run, all else refitted on the tangents at hand; the best few are fitted, first
-    with the values held.
+    with the values held. Beside thresholds that are chosen, the rest of their effect is all else.
     """
     for octaves in OCTAVES:
         before = found
         last = before.model.effects[-1]
-        others = directions(before.jacobian[:, :, : before.model.q.size - last.n_theta])
+        n_held = 0 if last.effect.chosen else last.n_theta
+        others = directions(before.jacobian[:, :, : before.model.q.size - n_held])
         tried = _tried_round(problem, last, octaves)
         models = [_with_last(before.model, last.at(theta)) for theta in tried]
         left = np.array([_left_by(problem, before, others, model) for model in models])
         for i in np.argsort(left, kind="stable")[:FITTED]:
             if np.isfinite(left[i]):
                 found = min(found, _settled(problem, models[i]), key=lambda f: f.cost)
-        if found is before and not last.effect.valleys:  # the next round would try the same again
+        # what has no rounds would try the same again
+        if found is before and not (last.effect.valleys or last.effect.chosen):
             break
     return found
 
@@ -40,7 +45,8 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
 def may_lie_elsewhere(placed: PlacedEffect) -> bool:
     """Tell whether other values of an effect are worth a try, since its cost has no slope towards them."""
     is_chosen = placed.effect.choice is not None
-    return bool(is_chosen or placed.effect.valleys or placed.effect.instants or _limits_an_input(placed))
+    jumps = placed.effect.valleys or placed.effect.instants or placed.effect.chosen
+    return bool(is_chosen or jumps or _limits_an_input(placed))
 
 
 def _limits_an_input(placed: PlacedEffect) -> bool:
@@ -50,6 +56,8 @@ def _limits_an_input(placed: PlacedEffect) -> bool:
 def _tried_round(problem: Problem, placed: PlacedEffect, octaves: float) -> np.ndarray:
     if placed.effect.instants:
         return moved_in_time(placed, problem.simulator.dt)
+    if placed.effect.chosen:
+        return thresholds_moved(placed, octaves)
     if placed.effect.choice is not None:
         return at_other_end(placed, placed.effect.choice)
     if _limits_an_input(placed):
@@ -74,6 +82,16 @@ def spread_round(placed: PlacedEffect, octaves: float) -> np.ndarray:
         ranged, theta + 2.0 * width * (points - 0.5), theta * 2.0 ** (octaves * (2 * points - 1))
     )
     return np.clip(moved, lower, upper)
+
+
+def thresholds_moved(placed: PlacedEffect, octaves: float) -> np.ndarray:
+    """Return values with the thresholds that are chosen moved by shares of their range, each and together."""
+    chosen = list(placed.effect.chosen)
+    limits = np.array(placed.limits)[chosen]
+    moves = np.array(list(product(ASIDE, repeat=len(chosen)))) * octaves * np.ptp(limits, axis=1)
+    tried = np.tile(placed.theta, (len(moves), 1))
+    tried[:, chosen] = np.clip(tried[:, chosen] + moves, *limits.T)
+    return tried
 
 
 def at_other_end(placed: PlacedEffect, chosen: int) -> np.ndarray:

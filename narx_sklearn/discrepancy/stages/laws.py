@@ -17,8 +17,9 @@ from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
 from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.storage import storage_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.switches import SWITCHES
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.plain import counted_from_zero
+from narx_sklearn.discrepancy.stages.plain import counted_from_zero, without_spare
 
 TRIED = 3  # laws of which the tangents tell most, that are fitted
 
@@ -29,7 +30,8 @@ def best_laws(
     """Return the best law of each kind, and its best at each other port; none of a kind that nothing moves.
 
     They are fitted from the refit, and from the parameters that go with what stands ``beside`` it. Those with
-    a memory are all fitted at first: how well the tangents tell one depends on how near to it they begin.
+    a memory, and those that switch, are all fitted at first: how well the tangents tell one depends on how
+    near to it they begin.
     """
     simulator, run = problem.simulator, problem.run(refitted.model)
     x = run.x[problem.rows[problem.inside]]
@@ -38,8 +40,10 @@ def best_laws(
         storage_hypotheses(simulator, structure, x),
         place_hypotheses(simulator, structure, x),
     )
-    memories = enumerate_hypotheses(MEMORIES, problem, run, structure, n_jobs=n_jobs)
-    tried = [(hypotheses, TRIED) for hypotheses in kinds] + [(memories, len(memories))]
+    tried = [(hypotheses, TRIED) for hypotheses in kinds]
+    for effects in (MEMORIES, SWITCHES):
+        hypotheses = enumerate_hypotheses(effects, problem, run, structure, n_jobs=n_jobs)
+        tried.append((hypotheses, len(hypotheses)))
     each = [_leading(problem, refitted, structure, some, n, n_jobs) for some, n in tried if some]
     each.append(placed_by_rate(simulator, run.y, problem.windows))
     found = (_best(problem, refitted, beside, placed, n_jobs) for placed in each if placed)
@@ -72,4 +76,5 @@ def _best(
 ) -> list[Candidate]:
     """Return the best law, fitted, and the best at other ports."""
     found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
-    return [counted_from_zero(problem, law) for law in found[:1]] + at_other_ports(found)
+    best = [without_spare(problem, counted_from_zero(problem, law)) for law in found[:1]]
+    return best + at_other_ports(found)

@@ -26,10 +26,32 @@ def counted_from_zero(problem: Problem, best: Candidate) -> Candidate:
         if not free:
             continue
         zero = _with_zeros(problem, best, free)
-        worse = (zero.criterion - zero.price) - (best.criterion - best.price)
-        if worse < 2.0 * np.log(np.log(best.n_samples)) * len(free):
+        if _do_not_pay(zero, best, len(free)):
             best = zero
     return best
+
+
+def without_spare(problem: Problem, best: Candidate) -> Candidate:
+    """Return a set without the spare parameters of its last effect that do not pay for themselves.
+
+    That which is missed least goes first: what it did another may do.
+    """
+    last = len(best.effects) - 1
+    spare = set(best.effects[last].effect.spare)
+    while spare:
+        fewer = {k: _with_zeros(problem, best, {(last, k)}) for k in spare}
+        k = min(fewer, key=lambda k: fewer[k].fit.cost)
+        if not _do_not_pay(fewer[k], best, 1):
+            break
+        best = fewer[k]
+        spare.remove(k)
+    return best
+
+
+def _do_not_pay(zero: Candidate, best: Candidate, n_zeros: int) -> bool:
+    """Tell whether so many parameters, that are at zero in one of two sets, do not pay for themselves."""
+    worse = (zero.criterion - zero.price) - (best.criterion - best.price)
+    return worse < 2.0 * np.log(np.log(best.n_samples)) * n_zeros
 
 
 def with_positive_amplitudes(problem: Problem, best: Candidate) -> Candidate:

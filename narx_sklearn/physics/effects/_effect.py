@@ -136,6 +136,12 @@ class Effect:
     choice : int or None
         Index of the parameter that is at one end of its range or at the other, and nothing in between: a fit
         leaves it where it is, and is tried from there with the other end.
+    chosen : tuple of int
+        Indices of the parameters to which the cost has no slope (thresholds of a switch): each is chosen
+        among the values that a record tells apart between its limits, and pays for that; a fit leaves it
+        where it is.
+    spare : tuple of int
+        Indices of the parameters that are zero where they do not pay for themselves.
     phase : int or None
         Index of the parameter that is a phase, half a turn of which turns the sign of the amplitude.
     references : tuple of int
@@ -239,6 +245,8 @@ class Effect:
     begin: int | None = None
     form: int | None = None
     choice: int | None = None
+    chosen: tuple[int, ...] = ()
+    spare: tuple[int, ...] = ()
     phase: int | None = None
     references: tuple[int, ...] = ()
     instants: tuple[int, int] | tuple[()] = ()

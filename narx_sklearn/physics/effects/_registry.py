@@ -213,7 +213,7 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
     if effect.power is not None and not isinstance(effect.power, Power):
         refuse(f"power must be Power(exponent, odd) or None, got {effect.power!r}.")
-    for name in ("levels", "references", "instants"):
+    for name in ("levels", "references", "instants", "chosen", "spare"):
         indices = getattr(effect, name)
         if not isinstance(indices, tuple) or not all(index in range(n) for index in indices):
             refuse(f"{name} must be a tuple of indices of its {n} parameters, got {indices!r}.")
@@ -227,6 +227,8 @@ def _check_fields(effect: Effect) -> None:
     if effect.choice is not None and not np.isfinite(effect.parameters[effect.choice][2:4]).all():
         chosen = effect.parameters[effect.choice].name
         refuse(f"choice is one end of a range or the other, but parameter {chosen!r} has no finite bounds.")
+    if effect.chosen and effect.limits is None:
+        refuse("what is chosen is moved between limits; give limits(setting) for it.")
     if not effect.valleys >= 0:
         refuse(f"valleys counts the values tried and must be 0 or more, got {effect.valleys!r}.")
     if not 0 <= effect.n_memory <= MAX_MEMORY:

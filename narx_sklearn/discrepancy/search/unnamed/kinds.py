@@ -15,6 +15,7 @@ VARYING = "unnamed_dependence"  # of a parameter
 ONE_PLACE = "unnamed_force_near_one_place"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
+SWITCHED, SWITCHED_GAIN = "unnamed_switch", "unnamed_gain_that_switches"
 BY_RATE, BUILDS_UP = "unnamed_reading_by_rate", "unnamed_reading_that_builds_up"
 
 
@@ -108,6 +109,16 @@ WORDS = {
         "a reading that depends on where it last turned",
         "What is read depends on where it last turned, however slowly it goes, as of a core that "
         "stays magnetised.",
+    ),
+    SWITCHED: Words(
+        "a switch with hysteresis",
+        "Something jumps here when this signal passes one threshold, and jumps back only when it passes "
+        "another, as a relay, a thermostat or a spring that snaps over does.",
+    ),
+    SWITCHED_GAIN: Words(
+        "a gain that switches with hysteresis",
+        "What is in proportion to this signal here jumps when it passes one threshold, and back only when "
+        "it passes another, as where a valve opens late and closes late.",
     ),
     BY_RATE: Words(
         "a reading that is off by how fast it moves",
