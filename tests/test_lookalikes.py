@@ -503,8 +503,25 @@ def test_a_law_of_two_names_keeps_both_however_the_usual_form_of_the_other_fits(
         assert any(c is bristle for c in found) == stays
 
 
-@pytest.mark.parametrize(("unexplained", "stays"), [(0.0, False), (2e4, False), (4e4, True)])
-def test_next_to_nothing_of_a_strong_effect_excludes_no_rival_with_as_few_parameters(unexplained, stays):
+@pytest.mark.parametrize(
+    ("worse", "unexplained", "tolerated", "stays"),
+    [
+        (150.0, 0.0, 1e3, False),
+        (150.0, 2e4, 1e3, False),
+        (150.0, 4e4, 1e3, True),
+        (
+            150.0,
+            4e4,
+            0.0,
+            False,
+        ),  # the best leaves nothing, and would not fit what is wrong with another's form
+        (30.0, 4e4, 0.0, True),
+        (30.0, 4e3, 0.0, False),
+    ],
+)
+def test_next_to_nothing_of_a_strong_effect_excludes_no_rival_with_as_few_parameters(
+    worse, unexplained, tolerated, stays
+):
     problem, start = axis_problem([friction(0.4)])
     base = fit(problem, start)
 
@@ -513,10 +530,9 @@ def test_next_to_nothing_of_a_strong_effect_excludes_no_rival_with_as_few_parame
         return Candidate(fit(problem, base.model._replace(effects=(effect,))), problem.n_seen)
 
     best, rival = candidate("coulomb_friction"), candidate("quadratic_drag")
-    # between half a per cent of either amount that the best explains
-    cost = best.fit.cost + 0.005 * 3e4
-    near = Candidate(rival.fit._replace(cost=cost), rival.n_samples)
-    found = look_alikes(problem, best, [near], 0.0, {}, unexplained=best.fit.cost + unexplained)
+    # half a per cent of what the best explains is 0, 20, 100 or 200
+    near = Candidate(rival.fit._replace(cost=best.fit.cost + worse), rival.n_samples)
+    found = look_alikes(problem, best, [near], tolerated, {}, unexplained=best.fit.cost + unexplained)
     assert any(c is near for c in found) == stays
 
 

@@ -202,8 +202,9 @@ def look_alikes(
 
     The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
     worse than a form may be wrong by; what is the same law under another name stays however its form fits.
-    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, nor by
-    a shape that the data do not feel, unless that takes off its price.
+    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, unless
+    noise would not do that and the best leaves less: where the rival's form is wrong no other law fits for
+    that. Nor is it excluded by a shape that the data do not feel, unless that takes off its price.
     One that holds the best as a special case and came to the same run stays if it is likelier nevertheless
     by more than its further parameters take off noise, or fits as well with an ordinary shape, far from that
     special case, unless only the best is at home: a ripple that came to one wave a turn is a weight.
@@ -217,19 +218,19 @@ def look_alikes(
     unexplained : float
         Cost without any effect.
     """
-    next_to_nothing = REFINES * (unexplained - best.fit.cost)
     kept = [best]
     noise = best.fit.residual
     n_outputs = problem.y.shape[1]
     length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
     unit = best.fit.cost / best.n_samples
+    excused = min(REFINES * (unexplained - best.fit.cost), max(CERTAIN * unit, tolerated))
     for other in others:
         declared = declared_rival(best, other)
         behind = other.criterion - best.criterion
         extra = other.n_values - best.n_values
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - noise) ** 2))
-        is_as_good = extra <= 0 and worse <= next_to_nothing
+        is_as_good = extra <= 0 and worse <= excused
         if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
             ordinary = starts.get(declared.always().place, np.empty((0, 0)))
             is_stranger = at_home(best) and not at_home(other)

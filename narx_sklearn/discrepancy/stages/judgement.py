@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import DRIFT, Trial, is_of_a_sensor
-from narx_sklearn.discrepancy.search.lookalikes import declared_rival, likeliest, look_alikes
+from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, likeliest, look_alikes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
@@ -207,8 +207,11 @@ def _alternatives(
                 rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
         # the same effect at another place is a question of where, not of what
         rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
-        # what the catalogue warns of is fitted to the end before it is judged
-        rivals = [converged(problem, c) if declared_rival(best, c) else c for c in rivals]
+        # what the catalogue warns of, or leaves hardly more, is fitted to the end before it is judged
+        near = best.fit.cost + REFINES * (unexplained - best.fit.cost)
+        rivals = [
+            converged(problem, c) if declared_rival(best, c) or c.fit.cost <= near else c for c in rivals
+        ]
         rivals.sort(key=lambda c: c.criterion)
         found.append(
             tuple(look_alikes(problem, best, rivals, tolerated, starts, unexplained=unexplained)[1:])
