@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import ODESimulator
-from narx_sklearn.discrepancy.designs import Limits, fewest_samples, make_designs, read_limits, settled
+from narx_sklearn.discrepancy.designs import (
+    Limits,
+    fewest_samples,
+    make_designs,
+    read_limits,
+    settled,
+    spliced,
+)
 
 DT = 0.1
 
@@ -33,6 +40,29 @@ def test_an_input_leaves_its_offset_no_faster_than_it_may(rate):
         steps = np.abs(np.diff(u[:, 0], prepend=5.0))
         assert rate is None or np.all(steps <= rate * DT + 1e-12), kind
         assert np.all(u[:, 1] == 20.0)
+
+
+@pytest.mark.parametrize("rate", [None, 0.3])
+def test_two_inputs_in_one_keep_the_limits_where_they_meet(rate):
+    limits = Limits(2.0, 400, 5.0, rate, 0)
+    wanted = [design for design in designs(rate=rate) if design[0].startswith(("square", "slow"))]
+    both = spliced(wanted[:3], limits, DT)
+    assert len(both) == 3
+    for kind, u in both:
+        first = next(input_ for name, input_ in wanted if name == kind.split("; ")[0])
+        np.testing.assert_allclose(u[:200], first[:200])
+        steps = np.abs(np.diff(u[:, 0], prepend=5.0))
+        assert rate is None or np.all(steps <= rate * DT + 1e-12), kind
+        assert np.all(u[:, 1] == 20.0)
+
+
+def test_some_inputs_turn_about_as_far_as_they_may_with_amplitudes_evenly():
+    found = [u[:, 0] - 5.0 for kind, u in designs() if kind.endswith("four amplitudes")]
+    assert len(found) >= 4
+    for signal in found:
+        sizes, counts = np.unique(np.abs(signal).round(12), return_counts=True)
+        assert sizes.tolist() == [0.5, 1.0, 1.5, 2.0]
+        assert set(counts) == {100}
 
 
 def test_a_limit_of_the_rate_that_is_never_met_changes_nothing():

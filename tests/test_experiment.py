@@ -136,18 +136,49 @@ def test_a_pair_is_wanted_apart_by_a_share_of_what_the_effects_do():
         CATALOGUE["stribeck_friction"], Port("state", 1), (0.0, 1.0), theta=(0.5, 1.04, 0.3, 2.0)
     )
     plans = {}
-    for noise in (1e-2, 1e-5):
+    for noise in (1e-1, 1e-3, 1e-5):
         rivals = {name: cart().with_effects([e]) for name, e in (("plain", friction), ("falling", steep))}
         plans[noise] = design_experiment(
             rivals, noise=Noise.white(np.array([noise])), amplitude=4.0, n_samples=800, random_state=0
         )
-    loud, quiet = plans.values()
+    loud, quiet, none = plans.values()
     assert quiet.separation > 50 * loud.separation
-    assert quiet.separation > 10
+    assert chance(quiet.separation) > 0.9
     assert quiet.chance < 0.5
+    halves = none.table["design"].str.contains("in the second half")
+    assert none.table["separation"][halves].max() > 2 * none.table["separation"][~halves].max()
+    assert none.chance > 0.99  # no form is wrong by just what another law does, with hardly any noise about
     table = quiet.table.set_index("design")
     assert not table["expected"].any()
     assert table.loc[quiet.kind, "separation"] > 0.2 * table["separation"].max()
+
+
+@pytest.mark.filterwarnings("ignore:.*compile")
+def test_laws_that_bend_are_told_apart_by_large_motion_of_several_amplitudes():
+    """A weight on a swing and a cubic spring."""
+    swing = ODESimulator(
+        lambda x, u, p: (x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]),
+        dt=0.02,
+        parameters={"gain": 30.0, "damping": 4.0, "spring": 40.0},
+        states=["angle [rad]", "rate [rad/s]"],
+        inputs=["motor [A]"],
+    )
+    rivals = {
+        code: swing.with_effects([PlacedEffect(CATALOGUE[code], Port("state", 1), (1.0, 0.0), theta=theta)])
+        for code, theta in (("gravity", (2.0, 0.0)), ("cubic_stiffness", (-0.26,)))
+    }
+    plan = design_experiment(
+        rivals,
+        noise=Noise.white(np.array([0.01])),
+        amplitude=2.4,
+        n_samples=1500,
+        nested={("gravity", "cubic_stiffness")},
+        random_state=0,
+    )
+    several = plan.table["design"].str.contains("four amplitudes")
+    distance = plan.table["separation"]
+    assert distance[several].max() > 1.4 * distance[~several].max()
+    assert "four amplitudes" in plan.kind
 
 
 @pytest.fixture(scope="module")

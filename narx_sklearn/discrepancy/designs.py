@@ -1,6 +1,7 @@
 """Inputs that an experiment may use: within limits of amplitude, length and rate, slow and fast."""
 
 from collections.abc import Iterator
+from itertools import combinations
 from numbers import Integral, Real
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from narx_sklearn.signals import loading_unloading, multisine
 PACES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of designs, times the simulator's
 SLOWEST = 2.0  # periods of the slowest sine in an experiment
 NARROWEST = 1.5  # times that, up to which a multisine goes at least
+EVEN = (0.25, 0.5, 0.75, 1.0)  # amplitudes, each for as long: what bends shows in how they differ
 FASTEST = 0.4  # of the sampling frequency: a little below half of it
 EACH = 4  # samples at least for each initial state and parameter, which are refitted
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
@@ -135,6 +137,19 @@ def make_designs(
     return found
 
 
+def spliced(designs: list[tuple[str, np.ndarray]], limits: Limits, dt: float) -> list[tuple[str, np.ndarray]]:
+    """Return every two inputs in one: the first half of one, the second half of the other.
+
+    What two inputs leave alike differs from one to the other, so both together often tell more than either.
+    """
+    half, found = limits.n_samples // 2, []
+    for (one, first), (other, second) in combinations(designs, 2):
+        u = np.concatenate([first[:half], second[half:]])
+        u[:, limits.column] = limits.signal((u[:, limits.column] - limits.offset) / limits.amplitude, dt)
+        found.append((f"{one}; in the second half {other}", u))
+    return found
+
+
 def _shapes(
     simulator: Simulator, x: np.ndarray, u: np.ndarray, n: int, random_state
 ) -> Iterator[tuple[str, np.ndarray]]:
@@ -145,6 +160,7 @@ def _shapes(
         constant = find_pace(simulator, x[None], u[None]).time_constant
     corner = 1 / (2 * np.pi * constant) if constant > 0 else 20 / (n * dt)
     ladder = np.repeat([0.1, 0.25, 0.5, 1.0], -(-n // 4))[:n]
+    even = np.repeat(EVEN, -(-n // len(EVEN)))[:n]
     low = SLOWEST / (n * dt)
     tops = np.unique(np.minimum(np.array(PACES) * corner, FASTEST / dt))
     # a machine far slower than the experiment is long: all that the experiment has room for is slow
@@ -163,8 +179,12 @@ def _shapes(
         yield f"random steps held {hold * dt:.3g} s", steps
         yield f"random steps held {hold * dt:.3g} s, amplitude in four steps", steps * ladder
         yield f"random jumps between two levels, held {hold * dt:.3g} s", jumps
+        yield f"random jumps between two levels, held {hold * dt:.3g} s, four amplitudes", jumps * even
         sine = np.sin(2 * np.pi * top / 3 * dt * np.arange(n))
         yield f"sine of {top / 3:.3g} Hz, amplitude in four steps", sine * ladder
+        # nothing within the limits moves a machine farther than what turns about with it
+        square = np.where(sine >= 0, 1.0, -1.0)
+        yield f"square wave of {top / 3:.3g} Hz, four amplitudes", square * even
     for turns in (4, 12):
         branch = max(2, n // (2 * turns))
         triangle = loading_unloading([-1.0, 1.0], branch, n_periods=turns + 1)

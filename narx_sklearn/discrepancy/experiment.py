@@ -11,13 +11,13 @@ from joblib import Parallel, delayed
 from scipy.stats import norm
 
 from narx_sklearn._validation import finite_rows
-from narx_sklearn.discrepancy.designs import fewest_samples, make_designs, read_limits, settled
+from narx_sklearn.discrepancy.designs import fewest_samples, make_designs, read_limits, settled, spliced
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.records.record import read_inputs
 from narx_sklearn.discrepancy.search.candidate import HARDLY
-from narx_sklearn.discrepancy.search.lookalikes import REFINES
+from narx_sklearn.discrepancy.search.lookalikes import CERTAIN, REFINES
 from narx_sklearn.discrepancy.settings import read_effects
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
 from narx_sklearn.discrepancy.simulators.windows import cut, find_pace, followed_for
@@ -28,6 +28,7 @@ NEAR_ZERO = 0.1  # of half the range: an input that was meant to go as far both 
 AS_GOOD = 2  # decimals of the expected number of pairs told apart, to which designs are as good
 RESOLVED = 4.0  # separation, in standard deviations of the noise, at which a pair counts as told apart
 VISIBLE = 2 * RESOLVED  # what one at thirty degrees then is apart by
+SPLICED = 4  # best designs of which each half is tried with that of another
 SHARES = 20  # of the farthest that an explanation may be from its special case, evenly
 LOST = 5.0  # times as long as a run follows an unstable machine, after which it is far from anything
 
@@ -79,11 +80,12 @@ def design_experiment(
     Each pair's distance is what is left of the difference of their outputs after the rival's parameters are
     refitted to the other's output (to first order), over the noise. Forms are idealised, so of two neither of
     which holds the other it must also be more than next to nothing of what the effects do that not all rivals
-    share. What holds its rival as a special case can do all that this one does, so there only the other way
-    counts, and the truth may be anywhere between the special case and what was passed. The design wins that
-    tells most pairs apart, each counted with its chance; where none is likely to tell any, the one that comes
-    nearest to it. Among designs that are as good it is the one that tells most of all parameters (the
-    determinant of their information is largest), for the truth may be none of the rivals.
+    share, or more than any noise does. What holds its rival as a special case can do all that this one does,
+    so there only the other way counts, and the truth may be anywhere between the special case and what was
+    passed. The design wins that tells most pairs apart, each counted with its chance; where none is likely to
+    tell any, the one that comes nearest to it. The best are tried in halves with one another too. Among
+    designs that are as good it is the one that tells most of all parameters (the determinant of their
+    information is largest), for the truth may be none of the rivals.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def design_experiment(
             nearest, does = min(ways, key=lambda way: way[0].noises)
             pair = f"{a} / {b}"
             distances[pair] = nearest.noises
-            wanted[pair] = HARDLY if pair in of_a_share else max(HARDLY, REFINES * does)
+            wanted[pair] = HARDLY if pair in of_a_share else np.clip(REFINES * does, HARDLY, CERTAIN)
             told += sum(way.information for way, _ in ways)
         chances = _chances(distances, wanted, of_a_share)
         facts = {
@@ -157,7 +159,12 @@ def design_experiment(
         return facts | distances, min(d**2 / wanted[pair] for pair, d in distances.items())
 
     designs = make_designs(some, starts[next(iter(simulators))], base, limits, random_state)
-    outcomes = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(tried)(*design) for design in designs)
+    with Parallel(n_jobs=n_jobs, prefer="threads") as parallel:
+        outcomes = list(parallel(delayed(tried)(*design) for design in designs))
+        order = sorted(range(len(designs)), key=lambda k: (outcomes[k][0]["expected"], outcomes[k][1]))
+        together = spliced([designs[k] for k in order[: -SPLICED - 1 : -1]], limits, some.dt)
+        outcomes += parallel(delayed(tried)(*design) for design in together)
+    designs = designs + together
     found, reached = zip(*outcomes, strict=True)
     table = pd.DataFrame(found)
     pairs = tuple(table.columns[5:])
