@@ -509,12 +509,8 @@ def test_a_law_of_two_names_keeps_both_however_the_usual_form_of_the_other_fits(
         (150.0, 0.0, 1e3, False),
         (150.0, 2e4, 1e3, False),
         (150.0, 4e4, 1e3, True),
-        (
-            150.0,
-            4e4,
-            0.0,
-            False,
-        ),  # the best leaves nothing, and would not fit what is wrong with another's form
+        # the best leaves nothing, and would not fit what is wrong with another's form
+        (150.0, 4e4, 0.0, False),
         (30.0, 4e4, 0.0, True),
         (30.0, 4e3, 0.0, False),
     ],
