@@ -574,7 +574,7 @@ def test_wrong_data_are_refused_with_what_came(record):
 
 
 @pytest.mark.parametrize(
-    "step", ["choosing.scaled_layout", "narx.build_model", "free_run_fit.select_on_simulation"]
+    "step", ["choosing.scaled_layout", "narx.build_model", "free_run.free_run_fit.select_on_simulation"]
 )
 def test_an_interrupted_fit_leaves_the_estimator_unfitted(record, monkeypatch, step):
     """Ctrl-C raises KeyboardInterrupt wherever the fit is; also a second fit must not leave the first."""

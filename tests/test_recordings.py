@@ -10,9 +10,10 @@ from joblib import parallel_config
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV, free_run
 from narx_sklearn.exceptions import NarxWarning
-from narx_sklearn.identification import Factor, record, recordings
+from narx_sklearn.identification import Factor
 from narx_sklearn.identification.free_run.many import by_session, free_run_many
 from narx_sklearn.identification.free_run.scoring import free_run_score
+from narx_sklearn.identification.records import record, recordings
 from narx_sklearn.identification.records.record import Moments
 from narx_sklearn.identification.records.recordings import Recordings
 from narx_sklearn.model import AbsoluteDifference, Difference, FunctionPhi, NARXModel, Play

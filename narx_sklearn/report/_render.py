@@ -468,7 +468,8 @@ def _residuals(dx, material: Material, outputs) -> list[dict]:
         rest, where = material.y - material.after.y, "the fitting windows"
     left = whitened(rest, noise_left(dx, material), material.sessions)
     told: list[dict] = []
-    u = pd.DataFrame(material.u, columns=[str(signal) for signal in material.simulator.inputs])
+    inputs = [str(signal) for signal in material.simulator.inputs]
+    u = pd.DataFrame(material.u, columns=inputs) if inputs else None
     for column, label in enumerate(outputs):
         max_lag = longest_lag(left[:, column], material.sessions)  # runs may begin anew every few samples
         if max_lag == 0:
