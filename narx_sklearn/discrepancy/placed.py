@@ -141,8 +141,8 @@ class PlacedEffect:
         if not indices:
             return self
         theta, limits = np.array(self.theta), self.bounds
-        chosen = list(self.effect.chosen) * bool(self.limits)
-        limits[chosen] = np.array(self.limits)[chosen] if chosen else limits[chosen]
+        for k in self.effect.chosen if self.limits else ():  # may be chosen anew, where they were before
+            limits[k] = self.limits[k]
         at = list(indices)
         theta[at], limits[at] = 0.0, 0.0
         return replace(self, limits=tuple(map(tuple, limits.tolist()))).at(theta)
@@ -183,11 +183,9 @@ class PlacedEffect:
     def domain(self) -> np.ndarray:
         """Lower and upper bounds of ``theta`` on any record, shape (n_theta, 2)."""
         limits = [(p.lower, p.upper) for p in self.effect.parameters]
-        if (chosen := self.effect.choice) is not None and self.theta:
-            limits[chosen] = (self.theta[chosen],) * 2
-        if self.theta:
-            for k in self.effect.chosen:
-                limits[k] = (self.theta[k],) * 2
+        choice = () if self.effect.choice is None else (self.effect.choice,)
+        for k in (*choice, *self.effect.chosen) if self.theta else ():
+            limits[k] = (self.theta[k],) * 2
         if self.port.kind == "input":
             given = [p.at_input for p in self.effect.parameters]
             limits = [
@@ -252,7 +250,7 @@ class PlacedEffect:
         """Number of parameters fitted or chosen, but for where its memory begins and how it is built."""
         besides = {self.effect.begin, self.effect.form} - {None}
         fitted = int(np.sum(np.ptp(self.bounds, axis=1) > 0))
-        return fitted - len(besides) + len(self.effect.chosen) * bool(self.theta)
+        return fitted - len(besides) + (len(self.effect.chosen) if self.theta else 0)
 
     def second_of(self, u: np.ndarray, x: np.ndarray | None = None) -> np.ndarray | None:
         """Return the second argument along a record, (n_samples,); None for none."""
