@@ -492,8 +492,9 @@ def longest_lag(residuals, sessions=None, *, at_most: int = 25) -> int:
     (25, 4)
     """
     reach = segment_reach(np.isfinite(as_signals(residuals, "residuals")[:, 0]), sessions)
-    enough = [lag for lag in range(1, at_most + 1) if np.count_nonzero(reach >= lag) >= MIN_PRODUCTS]
-    return max(enough, default=0)
+    if reach.size < MIN_PRODUCTS:
+        return 0
+    return int(np.clip(np.sort(reach)[-MIN_PRODUCTS], 0, at_most))
 
 
 def _check_length(reach, max_lag):
