@@ -202,6 +202,7 @@ def diagnosed(hardened):
     return DiscrepancyRegressor(make(), effects=effects).fit(*hardened)
 
 
+@pytest.mark.long
 def test_a_spring_that_hardens_is_named_and_placed(hardened, diagnosed):
     _, y = hardened
     (finding,) = diagnosed.findings_
@@ -213,6 +214,7 @@ def test_a_spring_that_hardens_is_named_and_placed(hardened, diagnosed):
     assert (best["kind"], best["index"]) == ("state", 1)
 
 
+@pytest.mark.long
 def test_a_narx_model_of_it_reads_the_present_input(hardened, diagnosed):
     u = 0.5 * hardened[0]
     y = diagnosed.simulator_.simulate(u)

@@ -74,6 +74,7 @@ def test_bounds_that_hold_the_truth_say_nothing_where_physics_is_missing():
     assert "bound" not in dx.report_
 
 
+@pytest.mark.long
 def test_a_bound_that_stands_in_the_way_beside_missing_physics_is_told():
     u, y = recorded(equations=hard_oscillator)
     dx = DiscrepancyRegressor(bounded(4.2), effects=EFFECTS).fit(u, y)

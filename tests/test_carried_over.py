@@ -29,9 +29,8 @@ def diagnosed(before, after):
     return DiscrepancyRegressor(make_axis(), effects=effects, random_state=0).fit(u, y)
 
 
-@pytest.mark.parametrize(
-    "after", [pytest.param(0.4, marks=pytest.mark.long, id="the same"), pytest.param(0.46, id="warmed up")]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("after", [pytest.param(0.4, id="the same"), pytest.param(0.46, id="warmed up")])
 def test_a_name_that_holds_stays_explained(after):
     found = diagnosed(0.4, after)
     assert found.verdict_ == "explained"

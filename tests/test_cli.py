@@ -944,6 +944,7 @@ def test_a_trace_that_diverges_is_refused_and_one_in_another_unit_is_not(bench, 
     check_trace(y * 1e9, y)
 
 
+@pytest.mark.long
 def test_demo_names_its_friction_and_writes_a_report(tmp_path, capsys, monkeypatch):
     pytest.importorskip("jinja2")
     monkeypatch.chdir(tmp_path)

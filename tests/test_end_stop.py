@@ -189,6 +189,7 @@ class TestGivingWay:
         assert "damped_beyond" in [form.placed.effect.code for form in forms]
 
 
+@pytest.mark.long
 def test_a_stop_of_an_axis_is_named(record):
     u, y = record
     effects = ["clearance", "extra_mode", "bouc_wen_hysteresis", "cogging", "coulomb_friction", "gain_drift"]

@@ -73,6 +73,7 @@ def test_a_window_without_measurements_is_neither_quiet_nor_loud():
     assert found.present
 
 
+@pytest.mark.long
 def test_the_right_law_holds_in_louder_motion_and_refitted_parameters_do_not(hardens):
     table = hardens.extrapolation_
     assert table.index.tolist() == ["nominal", "refitted", "augmented"]
@@ -148,6 +149,7 @@ def test_a_drift_is_not_extrapolated():
     assert found.extrapolation_.empty
 
 
+@pytest.mark.long
 def test_the_reports_show_both_sizes_of_motion(hardens):
     assert "Fitted anew to quiet motion alone" in hardens.report_
     page = render_report(hardens, *recorded(hardening))

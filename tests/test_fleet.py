@@ -50,7 +50,7 @@ class Remembering(DiscrepancyRegressor):
 
 
 @pytest.fixture(scope="module")
-def fleet():
+def unread():
     """Six machines whose stiffness falls by 0.2 a machine; three of them have a hardening spring."""
     recordings = {f"M{i}": machine(10 + i, 12.0 - 0.2 * i, 6.0 + i if i % 2 else 0.0) for i in range(6)}
     dx = Remembering(
@@ -60,9 +60,15 @@ def fleet():
         max_effects=1,
         window=48,
     )
-    return dx, recordings, diagnose_fleet(dx, recordings)
+    return dx, recordings
 
 
+@pytest.fixture(scope="module")
+def fleet(unread):
+    return *unread, diagnose_fleet(*unread)
+
+
+@pytest.mark.long
 def test_the_machines_with_the_effect_are_named_and_no_others(fleet):
     _, _, found = fleet
     assert found.effects["effect"].tolist() == ["cubic_stiffness"]
@@ -75,6 +81,7 @@ def test_the_machines_with_the_effect_are_named_and_no_others(fleet):
     assert found.machines.loc["M0", "effects"] == ""
 
 
+@pytest.mark.long
 def test_what_only_comes_nearest_in_a_recording_does_not_count_and_what_has_no_name_does(fleet):
     dx, recordings, _ = fleet
     (finding,) = dict(zip(recordings, dx.fits, strict=False))["M1"]
@@ -94,6 +101,7 @@ def test_what_only_comes_nearest_in_a_recording_does_not_count_and_what_has_no_n
     assert values["recording"].drop_duplicates().tolist() == ["told", "nameless"]
 
 
+@pytest.mark.long
 def test_differences_and_drift_of_a_parameter_are_told_from_its_errors(fleet):
     _, _, found = fleet
     row = found.parameters.query("parameter == 'stiffness'").iloc[0]
@@ -110,8 +118,8 @@ def test_differences_and_drift_of_a_parameter_are_told_from_its_errors(fleet):
     assert effect["low"] < 9.0 < effect["high"]
 
 
-def test_sessions_of_one_record_are_the_recordings(fleet):
-    _, recordings, _ = fleet
+def test_sessions_of_one_record_are_the_recordings(unread):
+    _, recordings = unread
     u, y = (np.concatenate([pair[i] for pair in recordings.values()]) for i in (0, 1))
     sessions = np.repeat(list(recordings), [len(pair[0]) for pair in recordings.values()])
     cut = by_session(u, y, sessions)
@@ -182,8 +190,8 @@ def test_wrong_estimates_are_refused(arguments, match):
         pool_estimates(*arguments)
 
 
-def test_wrong_fleets_are_refused(fleet):
-    dx, recordings, _ = fleet
+def test_wrong_fleets_are_refused(unread):
+    dx, recordings = unread
     with pytest.raises(TypeError, match="must be a DiscrepancyRegressor"):
         diagnose_fleet(ODESimulator(stage, parameters=NOMINAL, **ABOUT), recordings)
     with pytest.raises(ValueError, match="level must lie between 0 and 1"):
@@ -192,8 +200,8 @@ def test_wrong_fleets_are_refused(fleet):
         diagnose_fleet(dx, {"short": (np.zeros(3), np.zeros(3))})
 
 
-def test_all_recordings_are_read_before_the_first_is_diagnosed(fleet, monkeypatch):
-    dx, recordings, _ = fleet
+def test_all_recordings_are_read_before_the_first_is_diagnosed(unread, monkeypatch):
+    dx, recordings = unread
     monkeypatch.setattr(DiscrepancyRegressor, "fit", lambda *_: pytest.fail("diagnosed already"))
     good, wrong = (
         next(iter(recordings.values() if hasattr(recordings, "values") else recordings)),

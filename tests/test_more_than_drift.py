@@ -168,6 +168,7 @@ class TestOffsetThatDidNotStay:
         assert self.diagnosis(axis, offset, at_state) is None
         assert self.diagnosis(axis, leaving(axis[1], 0.8, OFFSET, DRAG), ramp) is None
 
+    @pytest.mark.long
     def test_it_is_told_as_a_drift_where_held_out_samples_refute_it(self, monkeypatch):
         rng = np.random.default_rng(3)
         n = 1200

@@ -206,12 +206,10 @@ def held_and_rubbing(x, u, p):
     return x[1], p[0] * u[0] - p[1] * x[1] - spring - 2.5 * np.tanh(500.0 * x[1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("machine", "argument", "exponent"),
-    [
-        (damped_by_the_cube, "velocity", 3.0),
-        pytest.param(held_by_the_fifth, "position", 5.0, marks=pytest.mark.long),
-    ],
+    [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
 )
 def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
     named = ["quadratic_drag", "cubic_stiffness", "cogging"]

@@ -164,12 +164,10 @@ def test_windows_far_apart_tell_no_frequency():
     assert strongest_pulse(problem, found, run, linear, found.residual, structure, rng) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rhs", "depth", "port", "size"),
-    [
-        (softened, 0.6, "state:1", 0.6 * 11.5),
-        pytest.param(rippled, 0.25, "input:0", 0.25, marks=pytest.mark.long),
-    ],
+    [(softened, 0.6, "state:1", 0.6 * 11.5), (rippled, 0.25, "input:0", 0.25)],
 )
 def test_a_parameter_that_pulsates_is_told_and_modelled(rhs, depth, port, size):
     u, y, moved = recorded(np.random.default_rng(0), rhs, depth)

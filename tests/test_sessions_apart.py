@@ -118,12 +118,13 @@ def test_ends_near_those_of_a_session_are_its_own():
     assert to_sessions(alike, problem) == alike
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "begins", "n_sessions", "words"),
     [
         (LOAD, 1, 3, "in session 2 of 3"),
-        pytest.param(BIAS, 2, 3, "in session 3 of 3", marks=pytest.mark.long),
-        pytest.param(LOAD, 8, 12, "in session 9 of 12", marks=pytest.mark.long),
+        (BIAS, 2, 3, "in session 3 of 3"),
+        (LOAD, 8, 12, "in session 9 of 12"),
     ],
 )
 def test_a_diagnosis_tells_the_session(effect, begins, n_sessions, words):

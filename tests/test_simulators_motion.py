@@ -104,6 +104,7 @@ def test_a_trace_of_higher_order_or_no_motion_is_a_narx_model():
     assert twin.discrete
 
 
+@pytest.mark.long
 def test_friction_is_found_from_a_bare_trace():
     """As with the simulator: in the equation of the velocity, though nobody gave one."""
     u = 3 * drive(3000)

@@ -153,6 +153,7 @@ def test_what_it_adds_is_told_for_its_time_only():
     assert np.abs(added).max() == pytest.approx(0.5)
 
 
+@pytest.mark.long
 def test_it_is_named_with_its_time(found):
     (finding,) = found.findings_
     assert (found.verdict_, finding.effect, finding.port) == ("explained", "coulomb_friction", "state:1")

@@ -308,6 +308,7 @@ def told():
 class TestAgainOverShorterWindows:
     """Without its weight a pendulum is an integrator; over long windows a fit with the weight is lost."""
 
+    @pytest.mark.long
     def test_what_they_tell_is_believed_where_it_leaves_less_of_long_ones(self, told, monkeypatch):
         record, short, lost = told
         asked = []
@@ -320,6 +321,7 @@ class TestAgainOverShorterWindows:
         assert diagnose(*record, settings_of("gravity")) is short
         assert asked == [None, 141]  # halfway between 50 and 400
 
+    @pytest.mark.long
     def test_else_what_long_ones_said_stands(self, told, monkeypatch):
         record, short, lost = told
         worse = replace(short, best=Candidate(short.refitted, short.problem.n_seen))

@@ -218,6 +218,7 @@ class TestWhatHarmsWholeRunsAlone:
         assert dx.verdict_ == "unknown"
         assert not dx.simulator_.effects
 
+    @pytest.mark.long
     def test_is_no_explanation_of_a_machine_that_forgets(self, in_whole_runs):
         def hardens(x, u, p):
             return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 30.0 * x[0] ** 3
