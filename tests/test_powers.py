@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.search.unnamed.powers import (
     inverse_power,
     placed_powers,
     power_effect,
+    root_effect,
     with_free_power,
 )
 from narx_sklearn.discrepancy.simulators.structure import find_structure
@@ -53,6 +54,16 @@ def test_an_odd_power_turns_with_its_argument_and_an_even_one_does_not(x, n, siz
     for effect, sign in ((odd, -1.0), (even, 1.0)):
         assert value(effect, -x, (2.0, n, size)) == pytest.approx(sign * value(effect, x, (2.0, n, size)))
         assert value(effect, size, (2.0, n, size)) == pytest.approx(2.0)
+
+
+@given(share=st.floats(0.1, 1.5), n=st.floats(0.2, 2 / 3), size=st.floats(0.1, 5.0))
+def test_a_root_turns_with_its_argument_and_has_a_slope_at_zero(share, n, size):
+    effect, theta = root_effect(size), (2.0, n, size)
+    assert value(effect, share * size, theta) == pytest.approx(2.0 * share**n, rel=0.01)
+    assert value(effect, -share * size, theta) == -value(effect, share * size, theta)
+    assert value(effect, 0.0, theta) == 0.0
+    # next to zero it is the chord to a five-hundredth of the size, not steeper
+    assert value(effect, 1e-6 * size, theta) / 1e-6 == pytest.approx(2.0 * 0.002 ** (n - 1.0), rel=1e-6)
 
 
 @settings(max_examples=30, deadline=None)
@@ -134,6 +145,29 @@ class TestWithoutAName:
         found = self.found(power(2.0), [replace(drag(), odd=True)])
         assert found.effects[0].theta[1] == pytest.approx(2.0, abs=0.3)
 
+    @pytest.mark.parametrize("exponent", [0.35, 0.5])
+    def test_a_root_of_what_turns_is_found(self, exponent):
+        truth = PlacedEffect(root_effect(1.0), Port("state", 1), VELOCITY, theta=(-0.3, exponent, 1.0))
+        (placed,) = self.found(truth, [drag()]).effects
+        assert (placed.effect.code, placed.weights) == (ODD_POWER, VELOCITY)
+        assert placed.theta[1] == pytest.approx(exponent, abs=0.05)
+
+    def test_a_dry_friction_is_no_root(self):
+        truth = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), VELOCITY, theta=(0.3,))
+        found = self.found(truth, [drag()])
+        assert found is None or found.effects[0].theta[1] > 1.0
+
+    def test_roots_of_what_stays_on_one_side_are_an_outflow(self):
+        problem, start = axis_problem()
+        x = problem.run(start).x
+        structure = find_structure(problem.simulator, x, problem.u)
+        roots = [
+            [p.weights for p in placed_powers(problem.simulator, structure, at) if p.theta[1] < 1.0]
+            for at in (x, np.abs(x) + 0.1)
+        ]
+        assert set(roots[0]) == {VELOCITY, (1.0, 0.0)}
+        assert roots[1] == []
+
     def test_it_is_tried_either_way_on_all_that_moves(self):
         problem, start = axis_problem()
         x = problem.run(start).x
@@ -201,6 +235,11 @@ def held_by_the_fifth(x, u, p):
     return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 8.0 * x[0] ** 5
 
 
+def rubbed_by_the_root(x, u, p):
+    rubs = np.sign(x[1]) * abs(x[1]) ** 0.5
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - 3.0 * rubs
+
+
 def held_and_rubbing(x, u, p):
     spring = p[2] * x[0] + 8.0 * x[0] ** 5
     return x[1], p[0] * u[0] - p[1] * x[1] - spring - 2.5 * np.tanh(500.0 * x[1])
@@ -209,10 +248,14 @@ def held_and_rubbing(x, u, p):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("machine", "argument", "exponent"),
-    [(damped_by_the_cube, "velocity", 3.0), (held_by_the_fifth, "position", 5.0)],
+    [
+        (damped_by_the_cube, "velocity", 3.0),
+        (held_by_the_fifth, "position", 5.0),
+        (rubbed_by_the_root, "velocity", 0.5),
+    ],
 )
 def test_a_diagnosis_tells_the_power_that_no_name_has(machine, argument, exponent):
-    named = ["quadratic_drag", "cubic_stiffness", "cogging"]
+    named = ["quadratic_drag", "cubic_stiffness", "cogging", "coulomb_friction", "stribeck_friction"]
     dx = diagnosed_oscillator(machine, named, noise=0.03, seed=0)
     assert dx.verdict_ == "unknown"
     (finding,) = dx.findings_

@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy.search.unnamed.powers import (
     HALF,
     INVERSES,
     POWERS,
+    ROOTS,
     placed_powers,
     with_free_power,
 )
@@ -82,10 +83,12 @@ def _where_it_was(problem: Problem, refitted: Fit) -> np.ndarray:
 
 
 def _is_new(power: PlacedEffect, known: Iterable[Hypothesis]) -> bool:
-    """Tell whether a power is surely more than a line, and no effect at home there has it."""
+    """Tell whether a power is surely no line and no step, and no effect at home there has it."""
     exponent, is_odd = power.theta[1], power.effect.code == ODD_POWER
     if power.effect.code == INVERSE:  # none of the catalogue's does
         return exponent > INVERSES[0]
+    if exponent < 1.0:
+        return ROOTS[0] < exponent < ROOTS[1]
     taken = [
         h.placed.effect.power.exponent
         for h in known
