@@ -63,8 +63,8 @@ def test_the_score_of_a_search_is_that_of_all_held_out_errors_together():
 def test_what_is_chosen_was_fitted_to_the_folds_as_it_is_to_the_record():
     X, y = make_record(300)
     y = y + 0.1 * np.random.default_rng(1).normal(size=300)  # noise on the output, which biases least squares
-    search = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=6, cv=3, origin="zero").fit(X, y)
-    table = pd.DataFrame(search.cv_results_)
+    search = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=6, cv=3, origin="zero", race=False)
+    table = pd.DataFrame(search.fit(X, y).cv_results_)
     assert table["refined"].tolist() == [False] * 12 + [True] * 4
     assert table.loc[search.best_index_, ["refined", "rank_test_score"]].tolist() == [True, 1]
     assert table.loc[table["refined"], "rank_test_score"].max() == 4
@@ -101,6 +101,7 @@ def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
         cv=TimeSeriesSplit(2),
         origin="zero",
         refine=False,
+        race=False,
     ).fit(X, y)
     table = pd.DataFrame(ours.cv_results_)
     for _, row in table.iterrows():
@@ -109,6 +110,35 @@ def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
         for i, (train, test) in enumerate(TimeSeriesSplit(2).split(X)):
             score = plain.fit(X[train], y[train]).score(X[test], y[test])
             np.testing.assert_allclose(row[f"split{i}_test_score"], score, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:n_terms=")
+@pytest.mark.parametrize("rule", ["best", "one_standard_error"])
+@pytest.mark.parametrize("refine", [False, "auto"])
+def test_a_race_changes_no_choice_and_says_what_it_left_out(rule, refine):
+    X, y = make_record(300)
+    settings = {"output_lags": [1, 2], "input_lags": [1, 2], "degree": [1, 2], "max_terms": 6, "cv": 4}
+    raced, whole = (
+        NARXRegressorCV(**settings, rule=rule, refine=refine, race=race).fit(X, y) for race in (True, False)
+    )
+    assert raced.best_params_ == whole.best_params_
+    assert raced.best_score_ == whole.best_score_
+    ours, all_judged = (pd.DataFrame(search.cv_results_) for search in (raced, whole))
+    columns = [f"split{i}_test_score" for i in range(4)]
+    judged = ours[columns].notna()
+    assert judged.any(axis=1).all()
+    out = ~judged.all(axis=1)
+    assert out.any()
+    assert not all_judged[columns].isna().any(axis=None)
+    assert (ours[columns].to_numpy() == all_judged[columns].to_numpy())[judged.to_numpy()].all()
+    assert ours.loc[out, ["mean_test_score", "pooled_test_score"]].isna().all(axis=None)
+    for refined in (True, False):  # what is refined goes before all else
+        own = ours[ours["refined"] == refined]
+        if len(own) and out[own.index].any():
+            assert (
+                own.loc[out[own.index], "rank_test_score"].min()
+                > own.loc[~out[own.index], "rank_test_score"].max()
+            )
 
 
 def test_lags_never_reach_across_the_hole_that_a_fold_leaves():

@@ -6,7 +6,6 @@ from itertools import product
 from numbers import Integral
 
 import numpy as np
-from joblib import Parallel, delayed
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
@@ -16,28 +15,15 @@ from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.cross_validation.finalists import (
     choose_finalists,
     judge_finalists,
+    n_leading,
     refinement_decides,
 )
-from narx_sklearn.identification.cross_validation.folds import Fold, FoldedRecord, parted, split_in_runs
-from narx_sklearn.identification.cross_validation.judged import Judged, fold_weights
-from narx_sklearn.identification.free_run.scoring import FreeRunJudge
+from narx_sklearn.identification.cross_validation.folds import split_in_runs
+from narx_sklearn.identification.cross_validation.judged import Judged
+from narx_sklearn.identification.cross_validation.screen import screen
 from narx_sklearn.identification.narx import NARXRegressor
-from narx_sklearn.identification.one_step.procedure import (
-    Compressed,
-    Selected,
-    build_model,
-    estimate_terms,
-    scaled_constraints,
-    total_criterion,
-)
-from narx_sklearn.identification.one_step.selection import search_terms
 from narx_sklearn.identification.opening import open_data
-from narx_sklearn.identification.posing import constraints_of, pose
-from narx_sklearn.identification.records.record import Record
 from narx_sklearn.identification.settings import check_settings
-from narx_sklearn.identification.structure.constraints import LinearConstraints
-from narx_sklearn.identification.two_values import without_repeated_powers
-from narx_sklearn.metrics import DIVERGED_SCORE
 
 __all__ = ["NARXRegressorCV"]
 
@@ -72,11 +58,14 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     rule : {"best", "one_standard_error"}, default="best"
         ``"best"`` takes the best score over all folds together; ``"one_standard_error"`` the fewest terms
         whose score is within one standard error of it.
+    race : bool, default=True
+        Whether a choice is left out of further folds once its errors on some are already larger than those
+        of a better one on all: what is chosen does not depend on it. False judges every choice on every fold.
     phi, phi_lags, structure, exclude, max_terms, search, constraints, refine, fit_intercept, origin, \
 sampling_period
         As for `NARXRegressor`; ``max_terms`` is a number.
     n_jobs : int, default=None
-        Threads over folds.
+        Threads over lags, delays and degrees.
 
     Attributes
     ----------
@@ -91,7 +80,9 @@ sampling_period
         ``std_test_score``, ``pooled_test_score``, ``rank_test_score``, ``split<i>_test_score``,
         ``mean_n_terms``, and ``refined``. Pooled is R² of all held-out errors together, in which a fold
         counts for as much as its output moves; ranks are those of it. Refined choices were fitted to the
-        folds as the final one is to all the data; where some were, the others rank behind them.
+        folds as the final one is to all the data; where some were, the others rank behind them. What was
+        out of the race has NaN for the folds that it was not judged on and for all of them together, and
+        ranks last.
     model_ : NARXModel
         The model of ``best_estimator_``.
     n_features_in_ : int
@@ -125,6 +116,7 @@ sampling_period
         criterion=(),
         cv=None,
         rule="best",
+        race=True,
         phi=(),
         phi_lags=1,
         structure=None,
@@ -146,6 +138,7 @@ sampling_period
         self.criterion = criterion
         self.cv = cv
         self.rule = rule
+        self.race = race
         self.phi = phi
         self.phi_lags = phi_lags
         self.structure = structure
@@ -166,7 +159,7 @@ sampling_period
         ----------
         X : array-like of shape (n_samples, n_inputs), dask collection, or Recordings
             Inputs. dask collections and `Recordings` are compressed where they are; of the test parts of
-            the folds, one for each thread is read into this process for its free runs.
+            the folds, one at a time is read into this process for its free runs.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
             Outputs; None only where ``X`` is a `Recordings`.
         sessions : array-like of shape (n_samples,), default=None
@@ -188,21 +181,25 @@ sampling_period
             warnings.simplefilter("ignore", NarxWarning)  # the fit of the model that is taken tells it too
             record = open_data(first, X, y, sessions, reset=True)
         folds = split_in_runs(self.cv, record)
+        refined = refinement_decides(first, record)
+        n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", NarxWarning)  # of trials; the model that is taken tells its own
-            screened = self._screen(record, folds, structures, sizes)
+            screened = screen(
+                record, folds, structures, sizes, self._regressor, self,
+                kept=n_leading(n_training) if refined else 1, slack=self._slack,
+            )  # fmt: skip
             finalists = None
-            if refinement_decides(first, record):
-                n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
+            if refined:
                 own_size = (
                     first.criterion
                     if isinstance(self.n_terms, str) and len(sizes) == self.max_terms
                     else None
                 )
-                chosen = choose_finalists(screened, sizes, own_size, n_training)
                 finalists = judge_finalists(
-                    chosen, self._regressor, record, folds, weights=screened.weights, n_jobs=self.n_jobs
-                )
+                    choose_finalists(screened, sizes, own_size, n_training), self._regressor, record, folds,
+                    weights=screened.weights, slack=self._slack, n_jobs=self.n_jobs,
+                )  # fmt: skip
         self._tabulate(screened, finalists)
         best = self._regressor(**self.best_params_)
         self.best_estimator_ = best.fit(X, y, sessions=sessions) if record.in_memory else best.fit(record)
@@ -211,6 +208,17 @@ sampling_period
         if hasattr(self.best_estimator_, "feature_names_in_"):
             self.feature_names_in_ = self.best_estimator_.feature_names_in_
         return self
+
+    @property
+    def _slack(self) -> float:
+        """How many times the errors of the best a choice may reach and not be out of the race.
+
+        A standard error over folds is never larger than the errors themselves, so that what lies within one
+        of the best has no more than twice its errors.
+        """
+        if not self.race:
+            return np.inf
+        return 1.0 if self.rule == "best" else 2.0
 
     def _structures(self) -> list[dict]:
         """Return the grid over lags, delay and degree."""
@@ -244,70 +252,19 @@ sampling_period
         )  # fmt: skip
         return NARXRegressor(**{name: getattr(self, name) for name in shared} | chosen)
 
-    def _screen(self, record: Record, folds: list[Fold], structures, sizes) -> Judged:
-        """Return the scores of the whole grid by least squares."""
-        problems, constraints = [], []
-        for structure in structures:
-            regressor = self._regressor(**structure)
-            check_settings(regressor)
-            problem = without_repeated_powers(
-                pose(regressor, record), record.moments, regressor.constraints, warn=False
-            )
-            problems.append(problem)
-            constraints.append(constraints_of(regressor.constraints, problem))
-        folded = FoldedRecord(problems, record, folds, self)
-        work = delayed(self._screen_fold)
-        results = Parallel(n_jobs=self.n_jobs, prefer="threads")(
-            work(folded, f, problems, constraints, sizes) for f in range(len(folds))
-        )
-        scores, counts, scatter = (np.stack(part, axis=-1) for part in zip(*results, strict=True))
-        grid = [structure | size for structure in structures for size in sizes]
-        flat = (len(grid), len(folds))
-        return Judged(grid, scores.reshape(flat), counts.reshape(flat), fold_weights(scatter.T))
-
-    def _screen_fold(self, record: FoldedRecord, f: int, problems, constraints, sizes):
-        scores = np.full((len(problems), len(sizes)), DIVERGED_SCORE)
-        counts = np.zeros((len(problems), len(sizes)), dtype=int)
-        test = record.folds[f].test
-        X, y, labels = record.record.take(test)
-        judge = FreeRunJudge(X, y, sessions=parted(labels, test))
-        longest = max(self.max_terms, *(size.get("n_terms", 0) for size in sizes))
-        for g, (problem, bound) in enumerate(zip(problems, constraints, strict=True)):
-            choices = record.choices(f, g, problem, bound)
-            paths = [
-                [
-                    search_terms(
-                        c.factor, longest, search=self.search, output=i,
-                        constraints=scaled_constraints(c, i, bound[i]),
-                    )
-                    for i in range(len(problem.outputs))
-                ]
-                for c in choices
-            ]  # fmt: skip
-            judged: dict = {}
-            for s, size in enumerate(sizes):
-                selected = _select_size(choices, paths, bound, size, self.max_terms)
-                if selected is None:  # the score of a divergence stays
-                    counts[g, s] = size.get("n_terms", 0)
-                    continue
-                model = build_model(selected, problem)
-                key = (model.library, tuple(model.origin))
-                if key not in judged:
-                    judged[key] = judge.score(model)
-                scores[g, s] = judged[key]
-                counts[g, s] = model.n_terms
-        return scores, counts, np.nan_to_num(y.shape[0] * np.nanvar(y, axis=0))
-
     def _tabulate(self, screened: Judged, finalists: Judged | None) -> None:
         """Store the results, and choose: among the finalists, where there are any."""
         judged = screened if finalists is None else screened.followed_by(finalists)
-        pooled, terms = judged.pooled, judged.counts.mean(axis=1)
+        pooled, terms = judged.pooled, np.nanmean(judged.counts, axis=1)
         names = dict.fromkeys(name for point in judged.choices for name in point)
         results = {f"param_{name}": _column([p.get(name) for p in judged.choices]) for name in names}
         results |= {f"split{i}_test_score": column for i, column in enumerate(judged.scores.T)}
         behind = np.zeros(len(pooled), dtype=bool)  # choices whose scores decide nothing
         behind[: 0 if finalists is None else len(screened.choices)] = True
-        order = np.lexsort((np.arange(len(pooled)), terms, -pooled, behind))
+        complete = ~np.isnan(pooled)
+        order = np.lexsort(
+            (np.arange(len(pooled)), terms, np.where(complete, -pooled, np.inf), ~complete, behind)
+        )
         rank = np.empty(len(pooled), dtype=int)
         rank[order] = np.arange(1, len(pooled) + 1)
         self.cv_results_ = results | {
@@ -360,33 +317,6 @@ sampling_period
         tags.target_tags.multi_output = True
         tags.regressor_tags.poor_score = True
         return tags
-
-
-def _select_size(
-    choices: list[Compressed], paths, bound: list[LinearConstraints], size: dict, max_terms: int
-) -> list[Selected] | None:
-    """Return the terms of every output for one way of choosing their number, at the better origin.
-
-    A criterion chooses up to ``max_terms``; a number that is given may be larger. None where constraints rule
-    it out.
-    """
-    criterion = size.get("criterion", "ebic")
-    found = []
-    for compressed, own in zip(choices, paths, strict=True):
-        n = size.get("n_terms")
-        counts = [
-            min(n, len(path.supports) - 1) if n else path.up_to(max_terms).best_size(criterion)
-            for path in own
-        ]
-        if not all(np.isfinite(path.rss[count]) for path, count in zip(own, counts, strict=True)):
-            continue
-        found.append(
-            [
-                estimate_terms(compressed, i, path, count, criterion, bound[i] if len(bound[i]) else None)
-                for i, (path, count) in enumerate(zip(own, counts, strict=True))
-            ]
-        )
-    return min(found, key=lambda selected: total_criterion(selected, criterion)) if found else None
 
 
 def _choices(value, name: str) -> list:

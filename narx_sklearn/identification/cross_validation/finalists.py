@@ -8,19 +8,20 @@ round.
 
 import warnings
 from collections.abc import Callable
+from contextlib import contextmanager
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.cross_validation.folds import Fold, parted
 from narx_sklearn.identification.cross_validation.judged import Judged
+from narx_sklearn.identification.cross_validation.race import race
 from narx_sklearn.identification.free_run.free_run_fit import reads_all_samples
 from narx_sklearn.identification.free_run.scoring import FreeRunJudge
 from narx_sklearn.identification.records.record import ArrayRecord, Record
 from narx_sklearn.identification.settings import refine_mode
 
-__all__ = ["choose_finalists", "judge_finalists", "refinement_decides"]
+__all__ = ["choose_finalists", "judge_finalists", "n_leading", "refinement_decides"]
 
 # of all training parts of all finalists together: about a minute of fits; two structures go on in any case
 FITTED_SAMPLES = 400_000
@@ -34,6 +35,11 @@ def refinement_decides(settings, record: Record) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NarxWarning)  # the final fit tells it
         return reads_all_samples(settings, record)
+
+
+def n_leading(n_training: int) -> int:
+    """Return how many structures go on, of training parts of so many samples together."""
+    return max(FITTED_SAMPLES // max(n_training, 1), 2)
 
 
 def choose_finalists(
@@ -64,15 +70,14 @@ def choose_finalists(
     >>> choose_finalists(screened, sizes, None, n_training=200_000)
     [{'degree': 2, 'n_terms': 2}, {'degree': 1, 'n_terms': 2}]
     """
-    means = screened.pooled.reshape(-1, len(sizes))
+    means = np.nan_to_num(screened.pooled, nan=-np.inf).reshape(-1, len(sizes))
     counted = np.array(["n_terms" in size for size in sizes])
     structures = [screened.choices[g * len(sizes)] for g in range(len(means))]
     structures = [{name: s[name] for name in s if name not in ("n_terms", "criterion")} for s in structures]
-    most = max(FITTED_SAMPLES // max(n_training, 1), 2)
     finalists = []
-    for g in np.argsort(-means.max(axis=1), kind="stable")[:most]:
+    for g in np.argsort(-means.max(axis=1), kind="stable")[: n_leading(n_training)]:
         for kind in (counted, ~counted):
-            if kind.any():
+            if np.isfinite(means[g, kind]).any():
                 best = np.flatnonzero(kind)[np.argmax(means[g, kind])]
                 finalists.append(screened.choices[g * len(sizes) + best])
         if own_size is not None:
@@ -87,24 +92,35 @@ def judge_finalists(
     folds: list[Fold],
     *,
     weights: np.ndarray,
+    slack: float,
     n_jobs: int | None,
 ) -> Judged:
-    """Fit every finalist to the training part of every fold, and score its free run of the test part."""
-    fitted = Parallel(n_jobs=n_jobs, prefer="threads")(
-        delayed(_judge_fold)(finalists, regressor_of, record, fold) for fold in folds
-    )
-    scores, counts = (np.stack(part, axis=-1) for part in zip(*fitted, strict=True))
-    return Judged(finalists, scores, counts, weights)
+    """Fit finalists to the training part of folds, and score their free runs of the test part.
 
+    Parameters
+    ----------
+    weights : ndarray of shape (n_folds,)
+        Weights of the folds.
+    slack : float
+        How far behind the best one may fall and go on; see `race`.
+    """
 
-def _judge_fold(finalists: list[dict], regressor_of: Callable, record: Record, fold: Fold):
-    """Return score and number of terms of every finalist on one fold."""
-    X, y, labels = record.take(fold.training)
-    training = ArrayRecord(
-        X, y, parted(labels, fold.training), input_labels=record.input_labels,
-        output_labels=record.output_labels, y_ndim=record.y_ndim, sampling_period=record.sampling_period,
-    )  # fmt: skip
-    X, y, labels = record.take(fold.test)
-    judge = FreeRunJudge(X, y, sessions=parted(labels, fold.test))
-    models = [regressor_of(**finalist).fit(training).model_ for finalist in finalists]
-    return [judge.score(model) for model in models], [model.n_terms for model in models]
+    @contextmanager
+    def opened(f: int):
+        fold = folds[f]
+        X, y, labels = record.take(fold.training)
+        training = ArrayRecord(
+            X, y, parted(labels, fold.training), input_labels=record.input_labels,
+            output_labels=record.output_labels, y_ndim=record.y_ndim, sampling_period=record.sampling_period,
+        )  # fmt: skip
+        X, y, labels = record.take(fold.test)
+        judge = FreeRunJudge(X, y, sessions=parted(labels, fold.test))
+
+        def judged(g: int, _):
+            model = regressor_of(**finalists[g]).fit(training).model_
+            return [judge.score(model)], [model.n_terms]
+
+        yield judged
+
+    scores, counts = race(opened, weights, (len(finalists), 1), slack=slack, n_jobs=n_jobs)
+    return Judged(finalists, scores[:, 0], counts[:, 0], weights)

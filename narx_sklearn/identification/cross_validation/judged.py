@@ -36,9 +36,9 @@ class Judged(NamedTuple):
     choices : list of dict
         Parameters of the regressor.
     scores : ndarray of shape (n_choices, n_folds)
-        Held-out R² of the free run.
+        Held-out R² of the free run, NaN where a choice was not judged.
     counts : ndarray of shape (n_choices, n_folds)
-        Numbers of terms.
+        Numbers of terms, NaN too.
     weights : ndarray of shape (n_folds,)
         Weights of the folds, of sum one; see `fold_weights`.
     """
@@ -50,7 +50,7 @@ class Judged(NamedTuple):
 
     @property
     def pooled(self) -> np.ndarray:
-        """R² of each choice over all folds together."""
+        """R² of each choice over all folds together, NaN of what was not judged on all."""
         return self.scores @ self.weights
 
     @property
