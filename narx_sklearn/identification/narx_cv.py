@@ -22,8 +22,12 @@ from narx_sklearn.identification.cross_validation.folds import split_in_runs
 from narx_sklearn.identification.cross_validation.judged import Judged
 from narx_sklearn.identification.cross_validation.screen import screen
 from narx_sklearn.identification.narx import NARXRegressor
+from narx_sklearn.identification.one_step.procedure import Problem
 from narx_sklearn.identification.opening import open_data
+from narx_sklearn.identification.posing import constraints_of, pose
+from narx_sklearn.identification.records.record import Record
 from narx_sklearn.identification.settings import check_settings
+from narx_sklearn.identification.two_values import without_repeated_powers
 
 __all__ = ["NARXRegressorCV"]
 
@@ -186,7 +190,7 @@ sampling_period
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", NarxWarning)  # of trials; the model that is taken tells its own
             screened = screen(
-                record, folds, structures, sizes, self._regressor, self,
+                record, folds, structures, sizes, *self._posed(structures, record), self,
                 kept=n_leading(n_training) if refined else 1, slack=self._slack,
             )  # fmt: skip
             finalists = None
@@ -229,6 +233,19 @@ sampling_period
             "degree": _choices(self.degree, "degree"),
         }
         return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+
+    def _posed(self, structures: list[dict], record: Record) -> tuple[list[Problem], list]:
+        """Return what each structure is to be fitted to, and the constraints on each of its outputs."""
+        problems, constraints = [], []
+        for structure in structures:
+            regressor = self._regressor(**structure)
+            check_settings(regressor)
+            problem = without_repeated_powers(
+                pose(regressor, record), record.moments, regressor.constraints, warn=False
+            )
+            problems.append(problem)
+            constraints.append(constraints_of(regressor.constraints, problem))
+        return problems, constraints
 
     def _sizes(self) -> list[dict]:
         """Return how the number of terms may be chosen."""

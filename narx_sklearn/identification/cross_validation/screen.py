@@ -1,6 +1,5 @@
 """A grid of structures and sizes judged by models of least squares, on small triangular factors."""
 
-from collections.abc import Callable
 from contextlib import contextmanager
 
 import numpy as np
@@ -19,11 +18,8 @@ from narx_sklearn.identification.one_step.procedure import (
     total_criterion,
 )
 from narx_sklearn.identification.one_step.selection import search_terms
-from narx_sklearn.identification.posing import constraints_of, pose
 from narx_sklearn.identification.records.record import Record
-from narx_sklearn.identification.settings import check_settings
 from narx_sklearn.identification.structure.constraints import LinearConstraints
-from narx_sklearn.identification.two_values import without_repeated_powers
 from narx_sklearn.metrics import DIVERGED_SCORE
 
 __all__ = ["screen"]
@@ -34,7 +30,8 @@ def screen(
     folds: list[Fold],
     structures: list[dict],
     sizes: list[dict],
-    regressor_of: Callable,
+    problems: list[Problem],
+    constraints: list[list[LinearConstraints]],
     settings,
     *,
     kept: int,
@@ -48,8 +45,10 @@ def screen(
         Lags, delay and degree.
     sizes : list of dict
         ``n_terms`` or ``criterion``.
-    regressor_of : callable
-        Returns the regressor of a choice.
+    problems : list of Problem
+        What each structure is to be fitted to.
+    constraints : list of list of LinearConstraints
+        Of each structure, on each output.
     settings : NARXRegressorCV
         Its ``search``, ``max_terms``, ``n_jobs`` and what all regressors have in common.
     kept : int
@@ -57,16 +56,6 @@ def screen(
     slack : float
         How far behind the last of these another may fall and go on.
     """
-    problems: list[Problem] = []
-    constraints: list[list[LinearConstraints]] = []
-    for structure in structures:
-        regressor = regressor_of(**structure)
-        check_settings(regressor)
-        problem = without_repeated_powers(
-            pose(regressor, record), record.moments, regressor.constraints, warn=False
-        )
-        problems.append(problem)
-        constraints.append(constraints_of(regressor.constraints, problem))
     folded = FoldedRecord(problems, record, folds, settings)
     longest = max(settings.max_terms, *(size.get("n_terms", 0) for size in sizes))
 
