@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.records.spikes import find_spikes
@@ -50,6 +51,26 @@ def test_noise_steps_whole_steps_corners_and_decays_are_no_spikes(noise):
     assert spikes_in(noise + 100.0 * (time // 250 % 2)).size == 0
     assert spikes_in(0.01 * noise + np.abs(time % 100 - 50.0)).size == 0
     assert spikes_in(0.01 * noise + 0.6 ** (time % 200)).size == 0
+
+
+def coloured(pole, seed, n=N):
+    """Return noise of deviation 1 that keeps a share of itself; with a pole of 1 it drifts, each step 1."""
+    e = np.random.default_rng(seed).normal(size=n + 500)
+    return lfilter([1.0], [1.0, -pole], e)[500:] * (np.sqrt(1 - pole**2) if pole < 1 else 1.0)
+
+
+# in each of these a sample is far off the median around it
+@pytest.mark.parametrize(("pole", "seed", "n"), [(0.95, 984, 5000), (0.99, 584, 5000), (0.99, 662, 1000)])
+def test_noise_that_remembers_has_no_spikes(pole, seed, n):
+    noise = coloured(pole, seed, n)
+    assert spikes_in(noise, np.zeros((n, 1)), [slice(0, n)]).size == 0
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.7, 0.95, 0.99, 1.0])
+def test_a_spike_in_noise_that_remembers_is_found(pole):
+    noise = coloured(pole, 2)
+    noise[700] += 15.0 * np.std(np.diff(noise))
+    assert spikes_in(noise).tolist() == [700]
 
 
 def test_what_comes_when_an_input_moves_and_what_is_frequent_is_no_spike(noise):

@@ -1,9 +1,10 @@
 """Single samples at which a sensor failed: seen in what a refitted simulation leaves, and left out."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
 from narx_sklearn._validation import true_runs
 from narx_sklearn.discrepancy.records.finding import DataFinding
@@ -14,6 +15,7 @@ AROUND = 3  # samples on either side of one that it is held against
 SUSPECT = 6.0  # robust standard deviations off its neighbours, from which a measured sample is looked at
 FAR = 8.0  # the same of what a simulation leaves, from which a sample is no measurement
 STANDS_OUT = 5.0  # times the range of the middle ones among its neighbours, that it must be off them
+FALSE_ALARM = 0.01  # chance that Gaussian noise, of whatever colour, leaps so far anywhere in a record
 MOST = 0.02  # share of the samples; more is no failure of single ones
 SHOWN = 5  # of them
 WITH_INPUT = 2.0  # times the usual move of an input, with which what looks like spikes goes along with it
@@ -46,7 +48,7 @@ def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.nd
     return found
 
 
-def _standing_out(signal: np.ndarray, pieces: Iterable[slice], far: float) -> np.ndarray:
+def _standing_out(signal: np.ndarray, pieces: Sequence[slice], far: float) -> np.ndarray:
     """Tell which samples are further off the median around them than noise and motion take others."""
     off, spread = np.full(signal.size, np.nan), np.full(signal.size, np.nan)
     for piece in pieces:
@@ -63,7 +65,36 @@ def _standing_out(signal: np.ndarray, pieces: Iterable[slice], far: float) -> np
     usual = max(1.4826 * float(np.median(size[seen])), float(np.median(moving)) if moving.size else 0.0)
     with np.errstate(invalid="ignore"):
         candidates = seen & (size > far * usual) & (size > STANDS_OUT * spread)
-    return _short_runs(candidates)
+    if not candidates.any():
+        return candidates
+    return _there_and_back(signal, pieces, _short_runs(candidates))
+
+
+def _there_and_back(signal: np.ndarray, pieces: Sequence[slice], runs: np.ndarray) -> np.ndarray:
+    """Return the mask of those runs that a leap leads to, and one as far back leads away from.
+
+    How far a sample is off the median around it has heavier tails the more the noise remembers, as the median
+    of what wanders is often the sample itself. A difference of two samples is normal where the noise is, of
+    whatever colour, and so is the mean of two, which spreads no more: it is known what the largest of a
+    record hardly reaches.
+    """
+    kept = np.zeros(runs.size, dtype=bool)
+    leaps = np.full(signal.size + 1, np.nan)  # to each sample from the one before
+    for piece in pieces:
+        begin, end, _ = piece.indices(signal.size)
+        leaps[begin + 1 : end] = np.diff(signal[begin:end])
+    size = np.abs(leaps[np.isfinite(leaps)])
+    if not size.size:
+        return kept
+    moving = size[size > 0]  # of rounded signals most may stand
+    usual = float(np.median(size)) or (float(np.median(moving)) if moving.size else 0.0)
+    least = norm.isf(FALSE_ALARM / (2 * ALONE * size.size)) * usual / norm.ppf(0.75)
+    for a, b in true_runs(runs):
+        there, back = leaps[a], -leaps[b]
+        known = np.array([leap for leap in (there, back) if np.isfinite(leap)])  # one at an edge of a piece
+        towards = known * np.sign(known.sum())
+        kept[a:b] = known.size > 0 and towards.mean() > least and towards.min() > least / 2
+    return kept
 
 
 def _short_runs(mask: np.ndarray) -> np.ndarray:
