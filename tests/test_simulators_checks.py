@@ -92,7 +92,7 @@ def test_swapped_columns_are_found():
     u, y = record()
     (found,) = check_record(nominal(), y, u)
     assert found.code == "swapped"
-    assert found.sentence.startswith("Input 0 (f [N]) and output 0 (q [m]) seem to be swapped.")
+    assert found.sentence.startswith("Input f [N] and output q [m] seem to be swapped.")
 
 
 def test_swapped_outputs_and_inputs_are_found():
@@ -114,8 +114,8 @@ def test_swapped_outputs_and_inputs_are_found():
     y = y + 0.02 * y.std(axis=0) * np.random.default_rng(1).normal(size=y.shape)
     assert check_record(sim, u, y) == ()
     for given, words in (
-        ((u, y[:, ::-1]), "Output 0 (upper [m]) and output 1 (pressure [kPa]) seem to be swapped."),
-        ((u[:, ::-1], y), "Input 0 (pump [V]) and input 1 (valve) seem to be swapped."),
+        ((u, y[:, ::-1]), "Output upper [m] and output pressure [kPa] seem to be swapped."),
+        ((u[:, ::-1], y), "Input pump [V] and input valve seem to be swapped."),
     ):
         (found,) = check_record(sim, *given)
         assert found.code == "swapped"
@@ -150,7 +150,7 @@ def test_the_input_that_is_shifted_or_reversed_is_named():
     (found,) = check_record(sim, np.column_stack([np.roll(u[:, 0], 6), u[:, 1]]), y)
     assert (found.code, found.evidence["input"]) == ("delayed", 0)
     assert found.evidence["samples"] == -6
-    assert "Input 0 (hot) comes 6 samples (0.6 s) too late" in found.sentence
+    assert "Input hot comes 6 samples (0.6 s) too late" in found.sentence
 
 
 @pytest.mark.parametrize(

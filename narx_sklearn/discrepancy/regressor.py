@@ -611,6 +611,6 @@ def _check_motion(simulator: Simulator, y: np.ndarray) -> None:
     for j in still:
         what = f"is {largest[j]:.6g} in all samples" if np.isfinite(largest[j]) else "is never measured"
         raise ValueError(
-            f"Output {j} ({simulator.outputs[j]}) {what}: a channel that is dead cannot be compared with a "
+            f"Output {simulator.outputs[j]} {what}: a channel that is dead cannot be compared with a "
             "simulation. Leave it out of y, and of the simulator's outputs."
         )

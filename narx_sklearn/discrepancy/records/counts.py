@@ -71,7 +71,7 @@ def _constant_inputs(simulator: Simulator, u):
         if values.size and np.ptp(values) <= REST * np.abs(values).max(initial=0.0):
             yield DataFinding(
                 "constant_input",
-                f"Input {i} ({signal}) is constant at {values[0]:.6g}: what it does cannot be told from an "
+                f"Input {signal} is constant at {values[0]:.6g}: what it does cannot be told from an "
                 "offset. Excite it.",
                 {"input": i, "value": float(values[0])},
             )
@@ -92,7 +92,7 @@ def _jumping_outputs(simulator: Simulator, u, y, pieces):
         where = ", ".join(f"{k} ({k * simulator.dt:.6g} s)" for k in samples)
         yield DataFinding(
             "jump",
-            f"Output {i} ({signal}) jumps by {max(sizes):.3g}{' at most' * (len(sizes) > 1)}, at sample "
+            f"Output {signal} jumps by {max(sizes):.3g}{' at most' * (len(sizes) > 1)}, at sample "
             f"{where}, where it moves by no more than {usual:.3g} in any other. If recordings were joined "
             "there, label them in sessions; if not, something was hit, shifted, or set to zero anew.",
             {"output": i, "samples": samples, "usual": usual},
@@ -153,7 +153,7 @@ def _clipped_outputs(simulator: Simulator, u, y, pieces):
             if count >= enough and count > 5 * np.sort(counts[1:-1])[-3:].mean():
                 yield DataFinding(
                     "clipped_output",
-                    f"{count} samples of output {j} ({signal}) stand exactly at its {word} value, "
+                    f"{count} samples of output {signal} stand exactly at its {word} value, "
                     f"{level:.6g}: the sensor or the recorder clips, or the system stands at a limit. "
                     "Mark them NaN where they are no measurement.",
                     {"output": j, "level": float(level), "count": count, "share": count / values.size},
@@ -182,7 +182,7 @@ def _held_outputs(simulator: Simulator, u, y, pieces):
         more = f" (the longest of {len(held)} such stretches)" if len(held) > 1 else ""
         yield DataFinding(
             "held_output",
-            f"Output {j} ({signal}) shows {y[a, j]:.6g} to the last digit in samples {a} to {b - 1}{more}, "
+            f"Output {signal} shows {y[a, j]:.6g} to the last digit in samples {a} to {b - 1}{more}, "
             "while the record goes on: the sensor or the recorder is stuck there. Mark them NaN.",
             {"output": j, "value": float(y[a, j]), "stretches": [(int(a), int(b)) for a, b in held]},
         )

@@ -53,8 +53,8 @@ def mistake_in_words(simulator: Simulator, mistake: Mistake) -> DataFinding:
     inputs = about.get("inputs", () if i is None else (i,))
     outputs = about.get("outputs", () if j is None else (j,))
     named = " and ".join(
-        [f"input {index} ({simulator.inputs[index]})" for index in inputs]
-        + [f"output {index} ({simulator.outputs[index]})" for index in outputs]
+        [f"input {simulator.inputs[index]}" for index in inputs]
+        + [f"output {simulator.outputs[index]}" for index in outputs]
     )
     if mistake.code == "time_scale":
         dt = about["factor"] * simulator.dt
@@ -103,7 +103,7 @@ def other_units(simulator: Simulator, case: Case, scaled: Agreement) -> list[Dat
             found.append(
                 DataFinding(
                     "units",
-                    f"Output {j} ({signal}) is {' and '.join(facts)}: another unit of the output or of an "
+                    f"Output {signal} is {' and '.join(facts)}: another unit of the output or of an "
                     f"input, or another zero. So scaled, what is missed falls from {plain.error:.3g} to "
                     f"{scaled.error:.3g} of the variance. Convert the column.",
                     {
