@@ -22,6 +22,7 @@ from narx_sklearn.analysis._surrogates import segment_reach
 
 __all__ = ["ResidualTest", "ResidualTests", "residual_tests"]
 
+MAX_LAG = 25  # samples, to which residuals are tested where nothing else is asked
 MIN_PRODUCTS = 20  # products a correlation needs before its own spread can normalise it
 
 
@@ -244,7 +245,7 @@ def residual_tests(
     X,
     y=None,
     *,
-    max_lag=25,
+    max_lag=MAX_LAG,
     alpha=0.05,
     sessions=None,
     n_resamples=499,
@@ -468,7 +469,7 @@ def _check_column(values, name):
     return values[:, 0]
 
 
-def longest_lag(residuals, sessions=None, *, at_most: int = 25) -> int:
+def longest_lag(residuals, sessions=None, *, at_most: int = MAX_LAG) -> int:
     """Return the longest lag, up to a limit, that enough residuals reach for `residual_tests`; 0 for none.
 
     Parameters
