@@ -65,6 +65,40 @@ def tank(x, u, p):
     return (p[0] * u[0] - p[1] * x[0],)
 
 
+VESSEL_DT = 0.5  # s
+VESSEL_STEPS = 40  # of a vessel between two samples, where a test makes its record
+
+
+def vessel(x, u, p):
+    """Level of a tank that drains in proportion to it."""
+    return p[0] * u[0] - p[1] * x[0]
+
+
+def make_vessel(gain=1.0):
+    return ODESimulator(
+        vessel,
+        dt=VESSEL_DT,
+        parameters={"inflow [cm/s/V]": 0.5 * gain, "outlet [1/s]": 0.1 / gain},
+        states=["level [cm]"],
+        inputs=["pump [V]"],
+        output=[0],
+    )
+
+
+def recorded_vessel(inflow, rng, n, level, noise=0.02):
+    """Return the command and the level of a vessel, by Euler's method, far finer than it is measured.
+
+    ``inflow(command, level, step)`` is what comes in, over a step in seconds.
+    """
+    u = np.repeat(rng.uniform(1.0, 6.0, n // 16), 16)
+    y, step = np.empty(n), VESSEL_DT / VESSEL_STEPS
+    for k, command in enumerate(u):
+        y[k] = level
+        for _ in range(VESSEL_STEPS):
+            level += step * (inflow(command, level, step) - 0.1 * level)
+    return u[:, None], (y + noise * rng.normal(size=n))[:, None]
+
+
 def make_circuit():
     return ODESimulator(
         circuit,

@@ -6,33 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_machines import VESSEL_DT, make_vessel, recorded_vessel
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.search.unnamed.kinds import LOOP, TWO_SPEEDS, UNNAMED, WORKED, WORKED_BY_SQUARE
 from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
 from narx_sklearn.physics.effects import CATALOGUE
 
-DT = 0.5
-FINER = 40  # steps of a machine between two samples
+DT = VESSEL_DT
 LAWS = {law.code: law for law in MEMORIES}
 TIMES = st.floats(0.05, 20.0)
 SIGNALS = st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30).map(np.array)
-
-
-def vessel(x, u, p):
-    """Level of a tank that drains in proportion to it."""
-    return p[0] * u[0] - p[1] * x[0]
-
-
-def tank(gain=1.0):
-    return ODESimulator(
-        vessel,
-        dt=DT,
-        parameters={"inflow [cm/s/V]": 0.5 * gain, "outlet [1/s]": 0.1 / gain},
-        states=["level [cm]"],
-        inputs=["pump [V]"],
-        output=[0],
-    )
 
 
 class Sagging:
@@ -59,18 +43,11 @@ class TwoSpeeds:
 
 
 def recorded(pump, rng, n=1600):
-    """Step the tank by Euler's method, far finer than it is measured, on what a pump makes of its command."""
-    u = np.repeat(rng.uniform(1.0, 6.0, n // 16), 16)
-    y, level = np.empty(n), 12.0
-    for k, command in enumerate(u):
-        y[k] = level
-        for _ in range(FINER):
-            level += DT / FINER * (0.5 * pump(command, DT / FINER) - 0.1 * level)
-    return u[:, None], (y + 0.02 * rng.normal(size=n))[:, None]
+    return recorded_vessel(lambda command, _, step: 0.5 * pump(command, step), rng, n, level=12.0)
 
 
 def diagnosed(u, y):
-    dx = DiscrepancyRegressor(tank(1.1), random_state=0).fit(u, y)
+    dx = DiscrepancyRegressor(make_vessel(1.1), random_state=0).fit(u, y)
     return dx, dx.findings_[0]
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_machines import VESSEL_DT, make_vessel, recorded_vessel
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy import DiscrepancyRegressor
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -19,25 +20,8 @@ from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.plain import without_spare
 from narx_sklearn.physics.effects import CATALOGUE, Setting, register_effect
 
-DT = 0.5
-FINER = 40  # steps of a machine between two samples
+DT = VESSEL_DT
 LAWS = {law.code: law for law in SWITCHES}
-
-
-def vessel(x, u, p):
-    """Level of a tank that drains in proportion to it."""
-    return p[0] * u[0] - p[1] * x[0]
-
-
-def tank(gain=1.0):
-    return ODESimulator(
-        vessel,
-        dt=DT,
-        parameters={"inflow [cm/s/V]": 0.5 * gain, "outlet [1/s]": 0.1 / gain},
-        states=["level [cm]"],
-        inputs=["pump [V]"],
-        output=[0],
-    )
 
 
 class Snapping:
@@ -45,20 +29,13 @@ class Snapping:
 
     side = 0.0
 
-    def __call__(self, u, level):
+    def __call__(self, u, level, step):
         self.side = 1.0 if u > 4.2 else (-1.0 if u < 2.6 else self.side)
-        return 0.5 * (u + 0.4 * self.side) - 0.1 * level
+        return 0.5 * (u + 0.4 * self.side)
 
 
-def recorded(law, rng, n=1600, hold=16):
-    """Step the tank by Euler's method, far finer than it is measured."""
-    u = np.repeat(rng.uniform(1.0, 6.0, n // hold), hold)
-    y, level = np.empty(n), 15.0
-    for k, command in enumerate(u):
-        y[k] = level
-        for _ in range(FINER):
-            level += DT / FINER * law(command, level)
-    return u[:, None], (y + 0.02 * rng.normal(size=n))[:, None]
+def recorded(inflow, rng, n=1600):
+    return recorded_vessel(inflow, rng, n, level=15.0)
 
 
 def setting_of(signal):
@@ -109,7 +86,7 @@ def test_a_force_that_switches_keeps_its_side_along_a_run(code, theta):
     """Against exact steps of the linear tank: what a sample crossed acts from the next on."""
     placed = PlacedEffect(LAWS[code], Port("state", 0), weights=(1.0,), theta=theta)
     u = np.repeat(np.random.default_rng(0).uniform(1.0, 6.0, 30), 16)[:, None]
-    y = tank().with_effects([placed]).simulate(u, [15.0])
+    y = make_vessel().with_effects([placed]).simulate(u, [15.0])
     level, side, changes = 15.0, -1.0, 0
     for k, command in enumerate(u[:, 0]):
         assert y[k, 0] == pytest.approx(level, rel=1e-6)
@@ -141,10 +118,10 @@ def switched_problem(theta):
     law = PlacedEffect(LAWS[SWITCHED], Port("input", 0))
     law = replace(law, limits=tuple(map(tuple, law.effect.limits(setting_of(u[:, 0])).tolist())))
     true = law.at((0.4, 4.2, 2.6, 1.0, 0.0, 0.0))
-    y = tank().with_effects([true]).simulate(u, [15.0]) + 0.01 * rng.normal(size=(480, 1))
+    y = make_vessel().with_effects([true]).simulate(u, [15.0]) + 0.01 * rng.normal(size=(480, 1))
     windows = cut([(slice(0, 480), 0)], 480, 4)
-    problem = Problem(tank(), u, y, windows, Noise.white(np.array([0.01])))
-    return problem, Model(tank().nominal, (law.at(theta),), np.array([[15.0]]))
+    problem = Problem(make_vessel(), u, y, windows, Noise.white(np.array([0.01])))
+    return problem, Model(make_vessel().nominal, (law.at(theta),), np.array([[15.0]]))
 
 
 def test_a_fit_leaves_thresholds_and_other_valleys_find_them():
@@ -184,7 +161,7 @@ def test_thresholds_pay_and_what_is_spare_goes():
 @pytest.mark.long
 def test_a_spring_that_snaps_before_a_machine_is_told_at_its_input():
     u, y = recorded(Snapping(), np.random.default_rng(3))
-    dx = DiscrepancyRegressor(tank(1.1), random_state=0).fit(u, y)
+    dx = DiscrepancyRegressor(make_vessel(1.1), random_state=0).fit(u, y)
     (finding,) = dx.findings_
     assert dx.verdict_ == "unknown"
     assert (str(finding.port), finding.title) == ("input:0", "a switch with hysteresis")
