@@ -1,6 +1,7 @@
 """Laws rehearsed on a model of the machine beside a straight line, and what is told of those that lose."""
 
 import warnings
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -257,6 +258,19 @@ def test_the_command_line_calls_methods_by_its_options(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "use --method roots." in said
     assert "Compensator" not in said
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [("identify", "use `compensate --method roots`."), ("diagnose", "use RootCompensator.")],
+)
+def test_a_command_calls_by_options_only_what_it_knows(command, said, monkeypatch, capsys):
+    def refuse(options):
+        raise ValueError("Of this model use RootCompensator.")
+
+    monkeypatch.setattr(import_module(f"narx_sklearn.cli._{command}"), "run", refuse)
+    assert main([command, "record.csv"]) == 1
+    assert said in capsys.readouterr().err
 
 
 def test_the_command_line_tells_of_an_inverse_that_is_worse_than_a_line(tmp_path, capsys, monkeypatch):

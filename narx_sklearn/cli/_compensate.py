@@ -22,6 +22,8 @@ from narx_sklearn.model import NARXModel
 from narx_sklearn.model.times import same_period
 
 METHODS = {"roots": RootCompensator, "isolated": IsolatedCompensator, "inverse": InverseCompensator}
+# what the package calls by its names in Python
+CALLED_HERE = {kind.__name__: f"--method {method}" for method, kind in METHODS.items()}
 REFERENCES = frozenset({"r", "ref", "reference", "setpoint", "target"})
 
 

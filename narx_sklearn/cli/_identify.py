@@ -15,7 +15,7 @@ from narx_sklearn.cli._files import check_writable, write_text
 from narx_sklearn.cli._output import c_prefix, say, tell_notes, write_json
 from narx_sklearn.compensation import RootCompensator, UnreachableWarning, model_c_source
 from narx_sklearn.compensation._defaults import RESTING_LAGS
-from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.compensation.rehearsed import warn_if_worse
 from narx_sklearn.identification import NARXRegressor, NARXRegressorCV
 from narx_sklearn.metrics import nrmse, rmse
 from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one_step
@@ -23,6 +23,7 @@ from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one
 STAGES = {"identification": 0, "free run": 95, "residual tests": 96}  # per cent of the time, as measured
 FEWEST = 10  # samples from which a model is identified
 RESTING = ("hysteresis", "rate_independent")  # structures of models that stay where they are at rest
+CALLED_HERE = {RootCompensator.__name__: "`compensate --method roots`"}  # with no such option of its own
 EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
 
 
@@ -111,14 +112,12 @@ def _with_law(X: pd.DataFrame, y: pd.Series, sessions, common: dict) -> NARXRegr
             compensator.fit(X, y, sessions=sessions)
     except ValueError:  # none of them has a law
         return regressors[-1].fit(X, y, sessions=sessions)
-    worse = "" if compensator.rehearsal_ is None else compensator.rehearsal_.worse_than_line
-    if worse:
-        warnings.warn(
-            f"This model is not worth compensating by. {worse} Take --structure rate_independent or other "
-            "lags, or `compensate --record`, which tries several models.",
-            NarxWarning,
-            stacklevel=2,
-        )
+    warn_if_worse(
+        compensator.rehearsal_,
+        "Take --structure rate_independent or other lags, or `compensate --record`, which tries several "
+        "models.",
+        before="This model is not worth compensating by. ",
+    )
     return compensator.regressor_
 
 

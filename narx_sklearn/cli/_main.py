@@ -4,7 +4,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 
 from narx_sklearn._progress import write_beside
@@ -16,12 +16,6 @@ PROGRAM = "narx-sklearn"
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 # What the package raises when data or settings do not fit; anything else is a bug and shows its trace.
 REFUSALS = (ValueError, TypeError, RuntimeError, ImportError, OSError)
-# What the package calls by its names in Python, by the options of the command line.
-OPTIONS = {
-    "RootCompensator": "--method roots",
-    "IsolatedCompensator": "--method isolated",
-    "InverseCompensator": "--method inverse",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,11 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = make_parser(PROGRAM).parse_args(arguments)
     except SystemExit as stop:  # argparse has told why
         return int(stop.code or 0)
+    called_here: Mapping[str, str] = {}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", NarxWarning)
-            warnings.showwarning = _warning_teller()
-            import_module(f"narx_sklearn.cli.{options.module}").run(options)
+            module = import_module(f"narx_sklearn.cli.{options.module}")
+            called_here = getattr(module, "CALLED_HERE", called_here)
+            warnings.showwarning = _warning_teller(called_here)
+            module.run(options)
             if sys.stdout is not None:
                 sys.stdout.flush()
     except UsageError as error:
@@ -66,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has left: no more output
         return DataError.exit_code
     except (DataError, *REFUSALS) as error:
-        return _tell(options, error, _in_options(str(error)), DataError.exit_code)
+        return _tell(options, error, _as_called(str(error), called_here), DataError.exit_code)
     except MemoryError as error:
         return _tell(options, error, f"There is not enough memory for this: {error}.", DataError.exit_code)
     except KeyboardInterrupt as error:
@@ -81,20 +78,20 @@ def _tell(options, error: BaseException, sentence: str, code: int) -> int:
     return code
 
 
-def _warning_teller() -> Callable:
+def _warning_teller(called_here: Mapping[str, str]) -> Callable:
     """Return what shows warnings: those of the package, each sentence once, wherever it arose."""
     told = set()
 
     def tell(message, category, filename, lineno, file=None, line=None) -> None:
         if issubclass(category, NarxWarning) and str(message) not in told:
             told.add(str(message))
-            write_beside(f"{PROGRAM}: warning: {_in_options(str(message))}")
+            write_beside(f"{PROGRAM}: warning: {_as_called(str(message), called_here)}")
 
     return tell
 
 
-def _in_options(sentence: str) -> str:
-    """Return a sentence that calls estimators of Python by the options that take them."""
-    for name, option in OPTIONS.items():
-        sentence = sentence.replace(f"{name}(input_name=...)", option).replace(name, option)
+def _as_called(sentence: str, called_here: Mapping[str, str]) -> str:
+    """Return a sentence that calls what the package offers in Python by what a command calls it."""
+    for name, here in called_here.items():
+        sentence = sentence.replace(f"{name}(input_name=...)", here).replace(name, here)
     return sentence

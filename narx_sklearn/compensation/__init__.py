@@ -6,8 +6,8 @@ The compensators
     input is where a law begins.
 What is told of a law
     ``beyond`` says where a reference leaves the record, a ``rehearsal`` on a model of the machine where a
-    straight line does better (``rehearsing`` takes the model), ``stability`` whether a law amplifies its
-    errors.
+    straight line does better (``rehearsing`` takes the model, ``rehearsed`` is the part of an estimator that
+    asks for it), ``stability`` whether a law amplifies its errors.
 From a model to a law
     ``derive`` does the algebra, in the ``letters`` of a law.
 The law

@@ -37,8 +37,8 @@ from narx_sklearn.compensation.law import (
     UnreachableWarning,
     warn_if_unreachable,
 )
-from narx_sklearn.compensation.rehearsal import Rehearsal, Trial
-from narx_sklearn.compensation.rehearsing import CHECKED_SAMPLES, rehearse_on_record
+from narx_sklearn.compensation.rehearsed import Rehearsed, warn_if_worse
+from narx_sklearn.compensation.rehearsing import CHECKED_SAMPLES
 from narx_sklearn.compensation.stability import (
     warn_if_amplifying,
     warn_if_amplifying_at_rest,
@@ -52,7 +52,7 @@ from narx_sklearn.model.units import compare_units
 CHOICES = {"policy": POLICIES, "branch": BRANCHES}  # of compensators that solve for their input
 
 
-class Compensator(BaseEstimator):
+class Compensator(Rehearsed, BaseEstimator):
     """Base of the compensators; see `RootCompensator` for the contract."""
 
     def fit(self, X=None, y=None, sessions=None):
@@ -124,7 +124,7 @@ class Compensator(BaseEstimator):
             level = self._mean_of_record()
             warn_if_amplifying_at_rest(self.law_, level, m=self._first_input(level))
         self.rehearsal_ = self._rehearse(None if data is None else X, y, sessions) if self.rehearsed else None
-        self._warn_if_worse()
+        warn_if_worse(self.rehearsal_, self._way_out())
         return self
 
     def _identify_law(self, X, y, sessions) -> CompensationLaw:
@@ -232,70 +232,6 @@ class Compensator(BaseEstimator):
         beside = [self._said_of(self._trial(run, reference, m_init)), "" if begun else self.beyond_record(X)]
         warn_if_unreachable(run.counts, self.law_, " ".join(filter(None, beside)))
         return run.m
-
-    def rehearse(self, X, m_init=None) -> Trial | None:
-        """Drive a model of the machine by the input along a reference, and by a straight line of it.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples,) or (n_samples, 1 + n_others)
-            As for `predict`.
-        m_init : float, default=None
-            As for `predict`.
-
-        Returns
-        -------
-        Trial or None
-            How far the model stays from the reference; None where there is no model to be driven, or the
-            reference never moves.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from narx_sklearn.compensation import RootCompensator
-        >>> from narx_sklearn.model import NARXModel
-        >>> model = NARXModel.from_equations("0.5*y[k-1] + 0.5*u[k-1]")
-        >>> reference = np.sin(np.arange(200) / 10)
-        >>> print(round(RootCompensator(model).fit().rehearse(reference).law, 9))
-        0.0
-        >>> print(round(RootCompensator(model, limits=(-0.5, 0.5)).fit().rehearse(reference).law, 1))
-        0.5
-        """
-        return self._trial(self.compensate(X, m_init), as_signals(X, "X"), m_init)
-
-    def _trial(self, run: LawRun, reference: np.ndarray, m_init) -> Trial | None:
-        if self.rehearsal_ is None or np.ptp(reference[:, 0]) == 0.0:
-            return None
-        start = self._first_input(reference[0]) if m_init is None else float(m_init)
-        return self.rehearsal_.judge(self.law_, run, reference, start)
-
-    def _said_of(self, trial: Trial | None) -> str:
-        """Say that a reference is lost, or better followed by a straight line, and the way out."""
-        if trial is None or self.rehearsal_ is None or trial.is_bound:  # the counts tell of limits
-            return ""
-        words = self.rehearsal_.said_of(trial)
-        return words and f"{words} {self._way_out()}"
-
-    def _way_out(self) -> str:
-        """Return what else could be tried where the law does not serve."""
-        if self.model is None:
-            return "Identify from a longer record that goes as slowly as the reference, or use the line."
-        return (
-            "Identify with structure='rate_independent', other lags or fewer terms, or pass no model and the "
-            "record: of several models the one is taken whose law serves."
-        )
-
-    def _rehearse(self, X, y, sessions) -> Rehearsal | None:
-        own = self.model_ if isinstance(self.model_, NARXModel) else None
-        driving = None if own is None else self._driving()
-        if X is not None:
-            return rehearse_on_record(self.law_, X, y, sessions, own=own, input_name=driving)
-        return None if own is None else Rehearsal(own, driving, is_own=True)
-
-    def _warn_if_worse(self) -> None:
-        words = "" if self.rehearsal_ is None else self.rehearsal_.worse_than_line
-        if words:
-            warnings.warn(f"{words} {self._way_out()}", UnreachableWarning, stacklevel=3)
 
     def beyond_record(self, X):
         """Say where a reference goes farther or changes faster than the record that the model is from.
