@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.in_words import alike_ratios, named_zero
-from narx_sklearn.discrepancy.records.standing import still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.standing import not_told_by, still_standing, to_be_mended
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.model import NARXModel
@@ -387,6 +387,44 @@ def test_only_what_the_values_show_must_be_mended_before_physics_is_named():
     found = [swapped, late, label, offset, feet, amplified, braked]
     assert to_be_mended(found, []) == [swapped, offset, feet, amplified]
     assert to_be_mended(found, [bias]) == [swapped, feet, amplified]
+
+
+def test_a_column_that_comes_late_by_a_delay_that_is_named_is_told_once():
+    def late(**about):
+        return DataFinding("delayed", "", about)
+
+    two = ODESimulator(stage, dt=0.05, parameters=PARAMETERS, states=NAMES["states"], inputs=["f", "g"])
+    delay = PlacedEffect(CATALOGUE["delay"], Port("input", 0), theta=(0.41, 0.0))
+    swapped = DataFinding("swapped", "", {"input": 0, "output": 0})
+    assert not_told_by([late(output=0, samples=8), swapped], [delay], nominal()) == [swapped]
+    assert not_told_by([late(input=0, samples=8)], [delay], two) == []
+    for other in (late(output=0, samples=-8), late(output=0, samples=10)):
+        assert not_told_by([other], [delay], nominal()) == [other]
+    for other in (late(output=0, samples=8), late(input=1, samples=8)):
+        assert not_told_by([other], [delay], two) == [other]
+    assert len(not_told_by([late(output=0, samples=8)], [], nominal())) == 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("unit", "told"), [("V", " V added to pump."), ("%", " percentage points added to pump.")]
+)
+def test_a_dead_time_that_is_explained_is_told_once(unit, told):
+    sim = ODESimulator(
+        lambda x, u, p: (p[0] * u[0] - p[1] * x[0],),
+        dt=0.1,
+        parameters={"inflow": 2.2, "outlet [1/s]": 1.8},
+        states=["level [m]"],
+        inputs=[f"pump [{unit}]"],
+    )
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.normal(0, 3, 80), 15)[:, None]
+    y = sim.with_parameters([2.0, 2.0]).simulate(np.roll(u, 8, axis=0)) + 0.05 * rng.normal(size=u.shape)
+    assert [finding.code for finding in check_record(sim, u, y)] == ["delayed"]
+    dx = DiscrepancyRegressor(sim, effects=["delay", "lag"], random_state=0).fit(u, y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.effect, list(dx.data_findings_)) == ("explained", "delay", [])
+    assert finding.size.endswith(told)
 
 
 def hardening(x, u, p):

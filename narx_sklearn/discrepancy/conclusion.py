@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.narrow import bounds_as_findings
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
-from narx_sklearn.discrepancy.records.standing import still_standing, to_be_mended
+from narx_sklearn.discrepancy.records.standing import not_told_by, still_standing, to_be_mended
 from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.settings import Settings
@@ -245,6 +245,9 @@ def _concluded(
     of_bounds = bounds_as_findings(diagnosis, settings)
     settings.tell("verification on held-out samples")
     concluded = _held_against(diagnosis, split, u, y, settings)
+    if concluded.verdict in ("explained", "ambiguous"):
+        effects = concluded.diagnosis.best.effects
+        standing = not_told_by(standing, effects, concluded.diagnosis.problem.simulator)
     return replace(concluded, of_record=(*standing, *of_steps, *of_bounds))
 
 

@@ -30,6 +30,10 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     ...                       theta=(-0.012, 25.0), second_name="temperature", second_unit="degC")
     >>> dependence_in_words(warmer, np.array([[-0.0125, -0.0115], [25.0, 25.0]]), cell)
     'The parameter R0 depends on temperature: it falls by 1.2 % per degC (1.15 to 1.25 %) about 25 degC.'
+    >>> valve = ODESimulator(lambda x, u, p: (-p[0] * u[0],), dt=1.0, parameters={"opening [%]": 20.0},
+    ...                      states=["v [V]"], inputs=["flow", "temperature [degC]"])
+    >>> dependence_in_words(warmer, np.array([[-0.0125, -0.0115], [25.0, 25.0]]), valve)[46:]
+    'it falls by 1.2 % of its value per degC (1.15 to 1.25 %) about 25 degC.'
     """
     if placed.effect.code != VARYING:
         return ""
@@ -40,8 +44,9 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     if unit in NO_UNIT:
         per, about = f"unit of {name}", f"{reference:.4g}"
     low, high = (f"{size:.4g}" for size in sizes)
-    parameter, moves = simulator.parameters[placed.port.index].name, "rises" if change > 0 else "falls"
+    parameter, moves = simulator.parameters[placed.port.index], "rises" if change > 0 else "falls"
+    of_it = " of its value" if parameter.unit == "%" else ""
     return (
-        f"The parameter {parameter} depends on {name}: it {moves} by {100 * abs(change):.4g} % per {per} "
-        f"({low} to {high} %) about {about}."
+        f"The parameter {parameter.name} depends on {name}: it {moves} by {100 * abs(change):.4g} %{of_it} "
+        f"per {per} ({low} to {high} %) about {about}."
     )

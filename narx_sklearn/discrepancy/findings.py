@@ -9,6 +9,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.dependence import dependence_in_words
 from narx_sklearn.discrepancy.fitting.acting import (
+    added_in_words,
     correction,
     correction_name,
     correction_unit,
@@ -99,7 +100,9 @@ def make_findings(
                 untold=tuple(compress(names, untold)),
                 together=_together(diagnosis, i),
                 adds=_range_of(added[i][1]),
-                adds_to=f"{correction_unit(placed, simulator)} {correction_name(placed, simulator)}".lstrip(),
+                adds_to=added_in_words(
+                    correction_unit(placed, simulator), correction_name(placed, simulator)
+                ),
                 where=where_in_words(placed, *added[i]),
                 stands=verdict != "unknown" or diagnosis.unforeseen is not None,
                 evidence={
@@ -274,7 +277,7 @@ def _unforeseen(
         confidence=(1.0 - OUTSIDE) * (1.0 - unforeseen.p_value),
         separate_by=TO_TRY,
         adds=(float(force.min()), float(force.max())),
-        adds_to=f"{unit_added(port, simulator)} {name_added(port, simulator)}".lstrip(),
+        adds_to=added_in_words(unit_added(port, simulator), name_added(port, simulator)),
         evidence={"unforeseen": unforeseen.p_value},
     )
 

@@ -177,6 +177,21 @@ def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
     return name_added(placed.port, simulator)
 
 
+def added_in_words(unit: str, name: str) -> str:
+    """Return what is added, its unit before it; of per cent it is said that they are no share of anything.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy.fitting.acting import added_in_words
+    >>> added_in_words("m/s", "added to velocity"), added_in_words("", "added to ratio")
+    ('m/s added to velocity', 'added to ratio')
+    >>> added_in_words("%", "added to level"), added_in_words("%/s", "added to the rate of level")
+    ('percentage points added to level', 'percentage points/s added to the rate of level')
+    """
+    plain = f"percentage points{unit[1:]}" if unit == "%" or unit.startswith("%/") else unit
+    return f"{plain} {name}".lstrip()
+
+
 def unit_added(port: Port, simulator: Simulator) -> str:
     """Return the unit of what is added at a port, that of a rate where it is a state equation."""
     unit = _signal(port, simulator).unit

@@ -89,6 +89,42 @@ def _nearest_alike(problem: Problem, model: Model) -> Model:
     return model if best.x is None else model.with_q(model.q + best.x[:-1] @ directions)
 
 
+def not_told_by(
+    findings: Sequence[DataFinding], effects: Sequence[PlacedEffect], simulator: Simulator
+) -> list[DataFinding]:
+    """Return findings without columns that come late by what a delay among the effects says already.
+
+    Whether the machine or the recorder is late no record tells, so one mismatch would be told twice.
+
+    Examples
+    --------
+    >>> from narx_sklearn.discrepancy import ODESimulator
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.discrepancy.records.finding import DataFinding
+    >>> from narx_sklearn.discrepancy.records.standing import not_told_by
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> tank = ODESimulator(lambda x, u, p: (u[0] - p[0] * x[0],), dt=0.1, parameters={"outlet": 1.0},
+    ...                     states=["level"], inputs=["pump"])
+    >>> late = DataFinding("delayed", "", {"output": 0, "samples": 8})
+    >>> delay = PlacedEffect(CATALOGUE["delay"], Port("input", 0), theta=(0.79, 0.0))
+    >>> len(not_told_by([late], [delay], tank)), len(not_told_by([late], [delay.at((0.4, 0.0))], tank))
+    (0, 1)
+    """
+    delays = [effect for effect in effects if effect.effect.code == "delay"]
+
+    def is_told(finding: DataFinding) -> bool:
+        if finding.code != "delayed":
+            return False
+        at = finding.evidence
+        same = {(kind, at[kind]) for kind in ("input", "output") if kind in at}
+        if len(simulator.inputs) == 1:  # its delay is that of every output
+            same.add(("input", 0))
+        behind = sum(e.theta[0] for e in delays if (e.port.kind, e.port.index) in same)
+        return behind > 0 and abs(behind / simulator.dt - finding.evidence["samples"]) <= 1.0
+
+    return [finding for finding in findings if not is_told(finding)]
+
+
 def to_be_mended(findings: Sequence[DataFinding], effects: Sequence[PlacedEffect]) -> list[DataFinding]:
     """Return the mistakes of a record that must be mended before effects named beside them mean anything.
 

@@ -260,7 +260,7 @@ DYNAMICS = (
     Effect(
         code="delay",
         title="Delay",
-        sentence="Everything comes a fixed time late.",
+        sentence="Everything comes a fixed time late, as it also does where a column was shifted.",
         equation="s(t - T); before the record a share i of the first command was lacking (below 0: it was "
         "more)",
         parameters=(EffectParameter("T", "s", 0.0), LACKING),
