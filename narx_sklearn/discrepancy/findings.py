@@ -1,7 +1,7 @@
 """From fitted effects to findings in words and units."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import compress
 
@@ -39,6 +39,7 @@ COARSE = 3.0  # times as large as between exact forms must a difference of the c
 RULED = 1.0  # difference of the criterion that the rules of naming are worth
 PASSES_FOR_NAMES = 1 / 7  # of what no catalogue holds, that is named nevertheless, as measured
 NO_RESONANCE = np.sqrt(0.5)  # damping ratio, from which a mode has none: it follows, and does not swing
+AS_FAST = 0.1  # of a frequency, within which it is known: else that another is as fast says nothing
 HOUR = 3600.0  # seconds, from which a period is told in hours too
 SECOND_LETTERS = "uwL"  # of second arguments in the equations of the catalogue
 
@@ -65,13 +66,15 @@ def make_findings(
     sure = diagnosis.intervals(level)
     share = 1 - best.fit.cost / base.cost
     added = list(_added(diagnosis))
+    told: dict[int, tuple[PlacedEffect, np.ndarray]] = {}
     for i in diagnosis.order:
         placed, rivals = best.effects[i], diagnosis.alternatives[i]
         there = parameters_it_has(placed)
         names = list(compress(parameter_names(placed), there))
         values = list(compress(placed.theta, there))
         units = list(compress(parameter_units(placed, simulator), there))
-        rows, domain = sure[best.fit.model.theirs[i]][there], placed.domain[there]
+        own = sure[best.fit.model.theirs[i]]
+        rows, domain = own[there], placed.domain[there]
         untold = np.all(rows == domain, axis=1) & (np.ptp(domain, axis=1) > 0)
         found.append(
             Finding(
@@ -79,7 +82,15 @@ def make_findings(
                 title=placed.effect.title,
                 sentence=dependence_in_words(placed, rows, simulator)
                 or " ".join(
-                    filter(None, (placed.effect.sentence, seen_in_words(placed), period_in_words(placed)))
+                    filter(
+                        None,
+                        (
+                            placed.effect.sentence,
+                            seen_in_words(placed),
+                            alike_before(placed, own, told) or period_in_words(placed),
+                            build_in_words(placed, own),
+                        ),
+                    )
                 ),
                 equation=placed.effect.equation,
                 port=str(felt_at(placed, diagnosis.problem, best.fit.model)),
@@ -113,6 +124,7 @@ def make_findings(
                 },
             )
         )
+        told[len(found)] = placed, own
     return found
 
 
@@ -431,6 +443,93 @@ def period_in_words(placed: PlacedEffect) -> str:
     hours = f" ({time / HOUR:.4g} h)" if time >= HOUR else ""
     said = "One period takes" if swings else "It follows with a time constant of"
     return f"{said} {in_seconds(time, 4)}{hours}."
+
+
+def alike_before(
+    placed: PlacedEffect, sure: np.ndarray, told: Mapping[int, tuple[PlacedEffect, np.ndarray]]
+) -> str:
+    """Return that what swings is as fast, and damped alike, as what was told before; empty where it is not.
+
+    A frame that swings is felt by every body on it, and a hum by every sensor: one thing, at several places.
+
+    Parameters
+    ----------
+    sure : ndarray of shape (n_parameters, 2)
+        Confidence intervals of the effect's parameters.
+    told : mapping of {int: (PlacedEffect, ndarray)}
+        The same of the effects told before, by the numbers of their findings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.findings import alike_before
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> first, second = (PlacedEffect(CATALOGUE["extra_mode"], Port("state", k), theta=(9.0, 17.3, 0.03))
+    ...                  for k in (1, 3))
+    >>> sure = np.array([[8.0, 10.0], [17.2, 17.4], [0.02, 0.04]])
+    >>> alike_before(second, sure, {1: (first, sure + 0.01)})
+    'It is as fast as no. 1, and damped alike: one thing, most likely, that is felt at both places.'
+    >>> alike_before(second, sure, {1: (first, sure + [[0.0], [1.0], [0.0]])})
+    ''
+    >>> alike_before(second, np.array([[8.0, 10.0], [0.0, 50.0], [0.02, 0.04]]), {1: (first, sure)})
+    ''
+    """
+    own = _swinging(placed, sure)
+    for number, (before, theirs) in told.items():
+        same = before.effect.code == placed.effect.code
+        others = _swinging(before, theirs) if same else np.empty((0, 2))
+        if len(own) and len(others) and np.all((own[:, 0] <= others[:, 1]) & (others[:, 0] <= own[:, 1])):
+            alike = ", and damped alike" if len(own) > 1 else ""
+            return (
+                f"It is as fast as no. {number}{alike}: one thing, most likely, that is felt at both places."
+            )
+    return ""
+
+
+def _swinging(placed: PlacedEffect, sure: np.ndarray) -> np.ndarray:
+    """Return the intervals (n, 2) of frequency and damping of what surely swings; none where it may not."""
+    at = {p.name: k for k, p in enumerate(placed.effect.parameters) if p.unit == "rad/s" or p.name == "zeta"}
+    rows = sure[list(at.values())]
+    for name, (low, high) in zip(at, rows, strict=True):
+        is_told = high < NO_RESONANCE if name == "zeta" else high - low < AS_FAST * low
+        if not is_told:
+            return np.empty((0, 2))
+    return rows
+
+
+def build_in_words(placed: PlacedEffect, sure: np.ndarray) -> str:
+    """Return whether what may be made of parts or of code is the one or the other; empty for what may not.
+
+    Parameters
+    ----------
+    sure : ndarray of shape (n_parameters, 2)
+        Confidence intervals of the effect's parameters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.findings import build_in_words
+    >>> from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+    >>> from narx_sklearn.physics.effects import CATALOGUE
+    >>> lag = PlacedEffect(CATALOGUE["lag"], Port("input", 0), theta=(3.0, 0.8, 1.0))
+    >>> build_in_words(lag, np.array([[2.9, 3.1], [0.7, 0.9], [0.98, 1.0]]))
+    'It goes from sample to sample, as in code (d = 1).'
+    >>> build_in_words(lag, np.array([[2.9, 3.1], [0.7, 0.9], [0.0, 1.0]]))
+    'Whether it is made of parts (d = 0) or of code (d = 1), these data do not tell.'
+    """
+    at = placed.effect.choice if placed.effect.form is None else placed.effect.form
+    if at is None or tuple(placed.effect.parameters[at][2:4]) != (0.0, 1.0):  # a shape, as of a ripple
+        return ""
+    low, high = sure[at]
+    name = placed.effect.parameters[at].name
+    if low <= 0.0 and high >= 1.0:
+        return f"Whether it is made of parts ({name} = 0) or of code ({name} = 1), these data do not tell."
+    if high >= 1.0:
+        return f"It goes from sample to sample, as in code ({name} = 1)."
+    if low <= 0.0:
+        return f"It goes on between samples, as in parts ({name} = 0)."
+    return f"It goes partly from sample to sample, as in code, and partly between samples ({name})."
 
 
 def parameter_names(placed: PlacedEffect) -> list[str]:

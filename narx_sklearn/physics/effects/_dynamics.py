@@ -279,9 +279,9 @@ DYNAMICS = (
         code="lag",
         title="Lag",
         sentence="The signal arrives smoothed, as through a filter.",
-        equation="T s_out' = s - s_out; as much of it as d goes on from sample to sample alone, "
-        "s_out[k] = s[k] + (s_out[k-1] - s[k]) exp(-dt/T); at first a share i of the command is lacking "
-        "(below 0: it is more)",
+        equation="T s_out' = s - s_out where d = 0, from sample to sample alone, "
+        "s_out[k] = s[k] + (s_out[k-1] - s[k]) exp(-dt/T), where d = 1, and between them a share d of the "
+        "latter; at first a share i of the command is lacking (below 0: it is more)",
         parameters=(EffectParameter("T", "s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
         begin=1,
         form=2,

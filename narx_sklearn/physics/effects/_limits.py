@@ -205,8 +205,9 @@ LIMITS = (
         code="rate_limit",
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
-        equation="|ds/dt| <= r; where d = 1 one of code, from sample to sample, |s[k] - s[k-1]| <= r dt; at "
-        "first a share i of the command is lacking (below 0: it is more), all of it from rest at zero",
+        equation="|ds/dt| <= r where d = 0, from sample to sample alone, |s[k] - s[k-1]| <= r dt, where "
+        "d = 1; at first a share i of the command is lacking (below 0: it is more), all of it from rest at "
+        "zero",
         parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
         begin=1,
         choice=2,
