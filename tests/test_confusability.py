@@ -157,6 +157,17 @@ class TestDesignInput:
         assert distances[1] == pytest.approx([4, 0])
         assert distances[2] == pytest.approx([4, 0])
 
+    def test_the_best_are_tried_in_halves_with_one_another(self):
+        effects = ["coulomb_friction", "quadratic_drag", "dead_zone"]
+        plan = design_input(cart(), effects, rate=50.0, **ABOUT)
+        halves = plan.table["design"].str.contains("; in the second half ")
+        assert halves.sum() == 6  # any two of four
+        pairs = list(plan.pairs)
+        least = plan.table[pairs].min(axis=1)
+        np.testing.assert_allclose(plan.table["separation"], least)
+        assert plan.separation >= plan.table.loc[~halves, "separation"].min()
+        assert np.abs(np.diff(plan.u[:, 0])).max() <= 50.0 * 0.02 + 1e-9
+
     def test_the_worst_pair_is_farthest_apart_under_the_input_proposed(self):
         plan = design_input(cart(), ["coulomb_friction", "quadratic_drag"], rate=50.0, **ABOUT)
         assert plan.separation == plan.table["separation"].max() > 1.0

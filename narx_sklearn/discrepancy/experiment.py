@@ -367,7 +367,7 @@ def design_input(
     with the lengths and the angle of their tangents once the simulator's own parameters and the initial state
     are projected out. The design wins whose worst pair is most likely told apart, a chance of which two
     decimals count; among designs as good the next worst decides, and so on, for some pairs no input
-    separates; last the distance of the worst.
+    separates; last the distance of the worst. The best are tried in halves with one another too.
 
     Parameters
     ----------
@@ -448,19 +448,32 @@ def design_input(
         reach = followed_for(simulator, find_pace(simulator, x0[None], base[None]))
     if not designs or n_samples > LOST * reach:
         raise ValueError(_lost_in(n_samples))
-    n = limits.n_samples
-    windows = Windows.whole([slice(k * n, (k + 1) * n) for k in range(len(designs))])
-    u = np.concatenate([u for _, u in designs])
-    starts = np.tile(x0, (len(designs), 1))
-    found = effect_tangents(simulator, u, windows, starts, chosen, sigma, apart=True, n_jobs=n_jobs)
-    distances = _distances(found)
+
+    def tried(some: list[tuple[str, np.ndarray]]) -> EffectTangents:
+        n = limits.n_samples
+        windows = Windows.whole([slice(k * n, (k + 1) * n) for k in range(len(some))])
+        u = np.concatenate([u for _, u in some])
+        starts = np.tile(x0, (len(some), 1))
+        return effect_tangents(simulator, u, windows, starts, chosen, sigma, apart=True, n_jobs=n_jobs)
+
+    found = tried(designs)
+    if distances := _distances(found):
+        best = _by_goodness(distances)[: -SPLICED - 1 : -1]
+        together = [
+            (kind, u)
+            for kind, u in spliced([designs[k] for k in best], limits, simulator.dt)
+            if np.isfinite(_free_run(simulator, u, x0).y).all()
+        ]
+        if together:
+            designs = designs + together
+            found = tried(designs)  # anew: sizes and shapes are the same under all
+            distances = _distances(found)
     if not distances:
         raise ValueError(
             f"effects has fewer than two to tell apart at any place of the simulator: {found.names}. Pass "
             "more of them."
         )
     apart = np.array(list(distances.values())).T  # (n_designs, n_pairs)
-    likely = np.round(chance(apart), AS_GOOD)
     table = pd.DataFrame(
         {
             "design": [kind for kind, _ in designs],
@@ -470,11 +483,19 @@ def design_input(
         }
         | distances
     )
-    best = max(table.index, key=lambda k: (*np.sort(likely[k]), table["separation"][k]))
-    kind, u = designs[best]
-    separation = float(table["separation"][best])
+    chosen_one = _by_goodness(distances)[-1]
+    kind, u = designs[chosen_one]
+    separation = float(table["separation"][chosen_one])
     table = table.sort_values("separation", ascending=False, ignore_index=True)
     return Experiment(u, kind, separation, float(chance(separation)), table, tuple(distances))
+
+
+def _by_goodness(distances: dict[str, np.ndarray]) -> list[int]:
+    """Return designs, the best last: its pair least likely told apart is likelier so, then the next."""
+    apart = np.array(list(distances.values())).T  # (n_designs, n_pairs)
+    likely = np.round(chance(apart), AS_GOOD)
+    # of those as good the first is the last here
+    return sorted(range(len(apart)), key=lambda k: (*np.sort(likely[k]), apart[k].min(), -k))
 
 
 def _distances(found: EffectTangents) -> dict[str, np.ndarray]:
