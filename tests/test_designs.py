@@ -75,6 +75,26 @@ def test_a_machine_far_slower_than_the_experiment_is_moved_slowly_all_the_same()
     assert any(kind.startswith("multisine") for kind in kinds)
 
 
+@pytest.mark.parametrize(("damping", "is_met"), [(0.5, True), (20.0, False)])
+def test_a_resonance_sets_the_pace_of_some_inputs(damping, is_met):
+    spring = ODESimulator(
+        lambda x, u, p: (x[1], u[0] - p[0] * x[0] - p[1] * x[1]),
+        dt=0.01,
+        parameters={"stiffness": (2 * np.pi * 3.0) ** 2, "damping": damping},
+        states=["x", "v"],
+        inputs=["force"],
+    )
+    limits = read_limits(spring, 1.0, 1000)
+    found = make_designs(spring, np.zeros(2), np.zeros(1), limits, random_state=0)
+    at = [u[:, 0] for kind, u in found if "resonance" in kind]
+    assert len(at) == 2 * is_met
+    for signal in at:
+        power = np.abs(np.fft.rfft(signal)) ** 2
+        frequency = np.fft.rfftfreq(signal.size, 0.01)
+        assert power[(frequency > 1.8) & (frequency < 4.7)].sum() > 0.9 * power.sum()
+        assert np.abs(signal).max() <= 1.0
+
+
 def test_the_shortest_experiment_has_samples_for_what_is_refitted_and_designs():
     """Four each for one state, two parameters, and one more."""
     assert fewest_samples(lag()) == 16

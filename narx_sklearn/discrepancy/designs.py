@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.simulators.windows import find_pace
+from narx_sklearn.discrepancy.simulators.windows import find_pace, resonances
 from narx_sklearn.signals import loading_unloading, multisine
 
 PACES = (0.3, 1.0, 3.0, 10.0, 30.0)  # of designs, times the simulator's
@@ -17,6 +17,8 @@ NARROWEST = 1.5  # times that, up to which a multisine goes at least
 EVEN = (0.25, 0.5, 0.75, 1.0)  # amplitudes, each for as long: what bends shows in how they differ
 FASTEST = 0.4  # of the sampling frequency: a little below half of it
 EACH = 4  # samples at least for each initial state and parameter, which are refitted
+RESONANT = 0.25  # damping ratio below which a mode answers at least twice as much as to what is slow
+AROUND = 1.5  # times a resonance, and as much below it, that a multisine about it goes
 AT_REST = 0.05  # of all that a state moved, that it may still move in the last quarter of a run
 
 
@@ -185,6 +187,17 @@ def _shapes(
         # nothing within the limits moves a machine farther than what turns about with it
         square = np.where(sine >= 0, 1.0, -1.0)
         yield f"square wave of {top / 3:.3g} Hz, four amplitudes", square * even
+    with np.errstate(all="ignore"):
+        swinging = resonances(simulator, x, u, RESONANT)
+    for mode in swinging[(swinging > low) & (swinging < FASTEST / dt)]:
+        # what bends a spring or damps it moves a resonance with the amplitude, and shows nowhere as much
+        sine = np.sin(2 * np.pi * mode * dt * np.arange(n))
+        yield f"sine of {mode:.3g} Hz, a resonance, amplitude in four steps", sine * ladder
+        band = max(mode / AROUND, low), min(mode * AROUND, FASTEST / dt)
+        if band[1] - band[0] > 2 / (n * dt):
+            wave = multisine(n, dt, band=band, random_state=int(rng.integers(2**31)))
+            wave = wave / np.max(np.abs(wave))
+            yield f"multisine round the resonance of {mode:.3g} Hz, amplitude in four steps", wave * ladder
     for turns in (4, 12):
         branch = max(2, n // (2 * turns))
         triangle = loading_unloading([-1.0, 1.0], branch, n_periods=turns + 1)

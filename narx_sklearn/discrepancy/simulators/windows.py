@@ -53,6 +53,36 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
     )
 
 
+def resonances(simulator: Simulator, x: np.ndarray, u: np.ndarray, below: float) -> np.ndarray:
+    """Return the frequencies, in Hz and rising, of modes at one point that are damped less than a ratio.
+
+    Parameters
+    ----------
+    x, u : ndarray of shape (n_states,) and (n_inputs,)
+        The point.
+    below : float
+        Damping ratio that a mode has at most.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy import ODESimulator
+    >>> from narx_sklearn.discrepancy.simulators.windows import resonances
+    >>> spring = ODESimulator(lambda x, u, p: (x[1], u[0] - p[0] * x[0] - p[1] * x[1]), dt=0.01,
+    ...                       parameters={"k": (2 * np.pi) ** 2, "c": 0.1}, states=["x", "v"], inputs=["f"])
+    >>> resonances(spring, np.zeros(2), np.zeros(1), below=0.25).round(3).tolist()
+    [1.0]
+    """
+    jacobian = state_jacobian(simulator, x, u)
+    if not np.all(np.isfinite(jacobian)):
+        return np.empty(0)
+    poles = np.linalg.eigvals(jacobian).astype(complex)
+    if simulator.discrete:
+        poles = np.log(poles[poles != 0]) / simulator.dt
+    swinging = poles[(poles.imag > 0) & (poles.real <= 0)]
+    return np.sort(swinging.imag[-swinging.real < below * np.abs(swinging)]) / (2 * np.pi)
+
+
 def state_jacobian(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return d rhs / d x beside one point, (n_states, n_states), with steps that suit small units too."""
     steps = 1e-5 * np.maximum(np.abs(x), 1e-3)
