@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from narx_sklearn.discrepancy import CallableSimulator, ODESimulator, confusability, design_input
-from narx_sklearn.discrepancy.experiment import RESOLVED, VISIBLE, _distances
+from narx_sklearn.discrepancy.before_measuring import RESOLVED, VISIBLE, _distances
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.tangents import EffectTangents, effect_tangents

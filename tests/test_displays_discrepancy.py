@@ -8,7 +8,7 @@ import pytest
 from small_machines import held_growing, make_growing
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.experiment import confusability
+from narx_sklearn.discrepancy.before_measuring import confusability
 from narx_sklearn.displays import (
     BeforeAfterDisplay,
     ConfusabilityDisplay,

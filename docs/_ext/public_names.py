@@ -7,7 +7,14 @@ from pathlib import Path
 
 import narx_sklearn
 
-EXTRA = ("physics.effects", "discrepancy.locate", "discrepancy.experiment", "metrics", "exceptions")
+EXTRA = (
+    "physics.effects",
+    "discrepancy.locate",
+    "discrepancy.experiment",
+    "discrepancy.before_measuring",
+    "metrics",
+    "exceptions",
+)
 HOMES = narx_sklearn._HOMES  # room of each name that the package itself offers
 LEFT_OUT = {"cli"}  # a command, described by its own help
 

@@ -10,7 +10,7 @@ The estimator
     and ``report_text`` tell what came of it. On request ``rivals``, with ``nested``, names what an experiment
     is to separate, and ``as_narx`` identifies a model.
 Before any measurement
-    ``experiment`` compares ``designs`` of inputs, by the ``tangents`` of effects.
+    ``experiment`` compares ``designs`` of inputs, ``before_measuring`` by the ``tangents`` of effects.
 Rooms, each with a map of its own
     ``stages`` of a diagnosis look through ``records``, ``search`` for what is missing and ``locate`` it;
     ``surrogates`` stand in for simulators without equations, ``fitting`` makes a simulator fit a record, and
@@ -20,7 +20,8 @@ Known to all
     a table by their labels.
 """
 
-from narx_sklearn.discrepancy.experiment import Experiment, confusability, design_input
+from narx_sklearn.discrepancy.before_measuring import confusability, design_input
+from narx_sklearn.discrepancy.experiment import Experiment
 from narx_sklearn.discrepancy.fleet import FleetDiagnosis, diagnose_fleet, pool_estimates
 from narx_sklearn.discrepancy.records.checks import check_record
 from narx_sklearn.discrepancy.records.finding import DataFinding

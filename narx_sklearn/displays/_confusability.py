@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from narx_sklearn.discrepancy.experiment import confusability
+from narx_sklearn.discrepancy.before_measuring import confusability
 from narx_sklearn.displays._style import import_pyplot
 
 ALIKE = 20.0  # degrees below which two effects are called look-alikes: cosine above 0.94
@@ -17,7 +17,7 @@ class ConfusabilityDisplay:
     Parameters
     ----------
     angles : DataFrame of shape (n_effects, n_effects)
-        Angles in degrees, as :func:`narx_sklearn.discrepancy.experiment.confusability` returns them.
+        Angles in degrees, as :func:`narx_sklearn.discrepancy.before_measuring.confusability` returns them.
     alike : float, default=20.0
         Degrees below which a pair counts as look-alikes.
 
@@ -74,7 +74,7 @@ class ConfusabilityDisplay:
             If matplotlib is not installed.
         TypeError, ValueError
             If an effect, the input or the noise does not fit; see
-            :func:`narx_sklearn.discrepancy.experiment.confusability`.
+            :func:`narx_sklearn.discrepancy.before_measuring.confusability`.
         """
         angles, _ = confusability(simulator, X, effects=effects, noise=noise)
         return cls(angles, alike=alike).plot(ax=ax)
