@@ -63,8 +63,8 @@ def test_the_score_of_a_search_is_that_of_all_held_out_errors_together():
 def test_what_is_chosen_was_fitted_to_the_folds_as_it_is_to_the_record():
     X, y = make_record(300)
     y = y + 0.1 * np.random.default_rng(1).normal(size=300)  # noise on the output, which biases least squares
-    search = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=6, cv=3, origin="zero", race=False)
-    table = pd.DataFrame(search.fit(X, y).cv_results_)
+    search = NARXRegressorCV([2], [2], degree=[1, 2], max_terms=6, cv=3, origin="zero").fit(X, y)
+    table = pd.DataFrame(search.cv_results_)
     assert table["refined"].tolist() == [False] * 12 + [True] * 4
     assert table.loc[search.best_index_, ["refined", "rank_test_score"]].tolist() == [True, 1]
     assert table.loc[table["refined"], "rank_test_score"].max() == 4
@@ -101,7 +101,6 @@ def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
         cv=TimeSeriesSplit(2),
         origin="zero",
         refine=False,
-        race=False,
     ).fit(X, y)
     table = pd.DataFrame(ours.cv_results_)
     for _, row in table.iterrows():
@@ -110,35 +109,6 @@ def test_every_point_of_the_grid_has_the_score_of_a_plain_fit():
         for i, (train, test) in enumerate(TimeSeriesSplit(2).split(X)):
             score = plain.fit(X[train], y[train]).score(X[test], y[test])
             np.testing.assert_allclose(row[f"split{i}_test_score"], score, rtol=1e-9)
-
-
-@pytest.mark.filterwarnings("ignore:n_terms=")
-@pytest.mark.parametrize("rule", ["best", "one_standard_error"])
-@pytest.mark.parametrize("refine", [False, "auto"])
-def test_a_race_changes_no_choice_and_says_what_it_left_out(rule, refine):
-    X, y = make_record(300)
-    settings = {"output_lags": [1, 2], "input_lags": [1, 2], "degree": [1, 2], "max_terms": 6, "cv": 4}
-    raced, whole = (
-        NARXRegressorCV(**settings, rule=rule, refine=refine, race=race).fit(X, y) for race in (True, False)
-    )
-    assert raced.best_params_ == whole.best_params_
-    assert raced.best_score_ == whole.best_score_
-    ours, all_judged = (pd.DataFrame(search.cv_results_) for search in (raced, whole))
-    columns = [f"split{i}_test_score" for i in range(4)]
-    judged = ours[columns].notna()
-    assert judged.any(axis=1).all()
-    out = ~judged.all(axis=1)
-    assert out.any()
-    assert not all_judged[columns].isna().any(axis=None)
-    assert (ours[columns].to_numpy() == all_judged[columns].to_numpy())[judged.to_numpy()].all()
-    assert ours.loc[out, ["mean_test_score", "pooled_test_score"]].isna().all(axis=None)
-    for refined in (True, False):  # what is refined goes before all else
-        own = ours[ours["refined"] == refined]
-        if len(own) and out[own.index].any():
-            assert (
-                own.loc[out[own.index], "rank_test_score"].min()
-                > own.loc[~out[own.index], "rank_test_score"].max()
-            )
 
 
 def test_lags_never_reach_across_the_hole_that_a_fold_leaves():
@@ -234,6 +204,7 @@ def test_it_predicts_and_scores_with_the_best_model_and_uses_threads():
         ({"n_terms": [0, 3]}, "n_terms must be an integer of at least 1, got 0"),
         ({"criterion": ["bic", "cic"]}, "criterion='cic'"),
         ({"max_terms": None}, "max_terms must be"),
+        ({"race": "never"}, "race=.never. is not known"),
     ],
 )
 def test_wrong_parameters_are_refused(parameters, message):
@@ -253,3 +224,39 @@ def test_an_input_in_long_steps_floods_nobody_with_warnings_of_trials():
         search = NARXRegressorCV([1, 2], [2, 3], degree=[1, 2], cv=3).fit(u[:, None], y)
     assert len(told) <= 1
     assert search.best_score_ > 0.9
+
+
+@pytest.mark.parametrize("refine", [False, True])
+@pytest.mark.parametrize("rule", ["best", "one_standard_error"])
+def test_a_race_leaves_out_much_and_changes_nothing_that_is_chosen(rule, refine):
+    X, y = make_record(300)
+    task = {"degree": [1, 2], "criterion": ["bic"], "max_terms": 5, "cv": 4, "rule": rule, "refine": refine}
+    raced, full = (
+        NARXRegressorCV([1, 2], [1, 2], **task, race=race, origin="zero").fit(X, y) for race in (True, False)
+    )
+    assert raced.best_params_ == full.best_params_
+    assert raced.best_score_ == pytest.approx(full.best_score_, rel=1e-12)
+    table = pd.DataFrame(raced.cv_results_)
+    splits = table[[f"split{i}_test_score" for i in range(4)]]
+    np.testing.assert_array_equal(table["n_judged_splits"], splits.notna().sum(axis=1))
+    out = table["n_judged_splits"] < 4
+    assert 0 < out.sum() < len(table)
+    assert table.loc[out, ["mean_test_score", "pooled_test_score"]].isna().all(axis=None)
+    assert table["mean_n_terms"].notna().all()
+    assert sorted(table["rank_test_score"]) == list(range(1, len(table) + 1))
+    for _, alike in table.groupby("refined"):  # what was left out ranks behind what was not
+        done = alike["n_judged_splits"] == 4
+        if not done.all():
+            assert alike.loc[done, "rank_test_score"].max() < alike.loc[~done, "rank_test_score"].min()
+    whole = ~out & ~table["refined"]
+    np.testing.assert_allclose(
+        splits[whole], pd.DataFrame(full.cv_results_)[splits.columns][: len(table)][whole]
+    )
+
+
+@pytest.mark.parametrize(("max_terms", "left_out"), [(12, False), (13, True)])
+def test_only_grids_of_more_than_a_hundred_choices_are_raced_unasked(max_terms, left_out):
+    X, y = make_record(200)
+    search = NARXRegressorCV([1, 2], [1, 2], degree=[2, 3], max_terms=max_terms, cv=3, refine=False)
+    assert len(search.fit(X, y).cv_results_["n_judged_splits"]) == 8 * max_terms
+    assert (search.cv_results_["n_judged_splits"] < 3).any() == left_out

@@ -18,11 +18,11 @@ from narx_sklearn.identification.cross_validation.finalists import (
     n_leading,
     refinement_decides,
 )
-from narx_sklearn.identification.cross_validation.folds import split_in_runs
-from narx_sklearn.identification.cross_validation.judged import Judged
-from narx_sklearn.identification.cross_validation.screen import screen
+from narx_sklearn.identification.cross_validation.folds import Fold, split_in_runs
+from narx_sklearn.identification.cross_validation.judged import Judged, fold_weights
+from narx_sklearn.identification.cross_validation.racing import race, room_of_a_standard_error
+from narx_sklearn.identification.cross_validation.screening import Screening, scatter_of
 from narx_sklearn.identification.narx import NARXRegressor
-from narx_sklearn.identification.one_step.procedure import Problem
 from narx_sklearn.identification.opening import open_data
 from narx_sklearn.identification.posing import constraints_of, pose
 from narx_sklearn.identification.records.record import Record
@@ -32,6 +32,8 @@ from narx_sklearn.identification.two_values import without_repeated_powers
 __all__ = ["NARXRegressorCV"]
 
 RULES = ("best", "one_standard_error")
+# choices up to which every one is judged on every fold: as many as a person reads
+TABLE_TO_READ = 100
 
 
 class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -62,12 +64,14 @@ class NARXRegressorCV(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     rule : {"best", "one_standard_error"}, default="best"
         ``"best"`` takes the best score over all folds together; ``"one_standard_error"`` the fewest terms
         whose score is within one standard error of it.
-    race : bool, default=True
-        Whether a choice is left out of further folds once its errors on some are already larger than those
-        of a better one on all: what is chosen does not depend on it. False judges every choice on every fold.
     phi, phi_lags, structure, exclude, max_terms, search, constraints, refine, fit_intercept, origin, \
 sampling_period
         As for `NARXRegressor`; ``max_terms`` is a number.
+    race : {"auto"} or bool, default="auto"
+        Whether a choice is left out of further folds once its errors on some are already more than those of
+        better ones on all of them. What is chosen does not depend on it: under ``"one_standard_error"``,
+        only what cannot come within one of the best is left out. ``"auto"`` does so with more than a hundred
+        choices.
     n_jobs : int, default=None
         Threads over lags, delays and degrees.
 
@@ -82,11 +86,11 @@ sampling_period
     cv_results_ : dict of ndarray
         Parameters and scores of all choices, ready for a DataFrame: ``param_*``, ``mean_test_score``,
         ``std_test_score``, ``pooled_test_score``, ``rank_test_score``, ``split<i>_test_score``,
-        ``mean_n_terms``, and ``refined``. Pooled is R² of all held-out errors together, in which a fold
-        counts for as much as its output moves; ranks are those of it. Refined choices were fitted to the
-        folds as the final one is to all the data; where some were, the others rank behind them. What was
-        out of the race has NaN for the folds that it was not judged on and for all of them together, and
-        ranks last.
+        ``mean_n_terms``, ``n_judged_splits`` and ``refined``. Pooled is R² of all held-out errors together,
+        in which a fold counts for as much as its output moves; ranks are those of it. Refined choices were
+        fitted to the folds as the final one is to all the data; where some were, the others rank behind
+        them. A choice that a race left out has NaN for the folds that it did not reach and for what is over
+        all folds; its number of terms is a mean over the others, and it ranks behind what reached more.
     model_ : NARXModel
         The model of ``best_estimator_``.
     n_features_in_ : int
@@ -120,7 +124,6 @@ sampling_period
         criterion=(),
         cv=None,
         rule="best",
-        race=True,
         phi=(),
         phi_lags=1,
         structure=None,
@@ -132,6 +135,7 @@ sampling_period
         fit_intercept=True,
         origin="auto",
         sampling_period=None,
+        race="auto",
         n_jobs=None,
     ):
         self.output_lags = output_lags
@@ -142,7 +146,6 @@ sampling_period
         self.criterion = criterion
         self.cv = cv
         self.rule = rule
-        self.race = race
         self.phi = phi
         self.phi_lags = phi_lags
         self.structure = structure
@@ -154,6 +157,7 @@ sampling_period
         self.fit_intercept = fit_intercept
         self.origin = origin
         self.sampling_period = sampling_period
+        self.race = race
         self.n_jobs = n_jobs
 
     def fit(self, X, y=None, sessions=None):
@@ -176,6 +180,8 @@ sampling_period
         for name in ("model_", "feature_names_in_"):  # an interrupted fit leaves nothing that could be used
             self.__dict__.pop(name, None)
         check_choice(self.rule, "rule", RULES)
+        if not (self.race == "auto" or isinstance(self.race, bool)):
+            raise ValueError(f"race={self.race!r} is not known; choose 'auto', True or False.")
         check_count(self.max_terms, "max_terms")
         structures = self._structures()
         first = self._regressor(**structures[0])
@@ -186,24 +192,9 @@ sampling_period
             record = open_data(first, X, y, sessions, reset=True)
         folds = split_in_runs(self.cv, record)
         refined = refinement_decides(first, record)
-        n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
         with single_threaded_blas(), warnings.catch_warnings():
             warnings.simplefilter("ignore", NarxWarning)  # of trials; the model that is taken tells its own
-            screened = screen(
-                record, folds, structures, sizes, *self._posed(structures, record), self,
-                kept=n_leading(n_training) if refined else 1, slack=self._slack,
-            )  # fmt: skip
-            finalists = None
-            if refined:
-                own_size = (
-                    first.criterion
-                    if isinstance(self.n_terms, str) and len(sizes) == self.max_terms
-                    else None
-                )
-                finalists = judge_finalists(
-                    choose_finalists(screened, sizes, own_size, n_training), self._regressor, record, folds,
-                    weights=screened.weights, slack=self._slack, n_jobs=self.n_jobs,
-                )  # fmt: skip
+            screened, finalists = self._judge(record, folds, structures, sizes, refined)
         self._tabulate(screened, finalists)
         best = self._regressor(**self.best_params_)
         self.best_estimator_ = best.fit(X, y, sessions=sessions) if record.in_memory else best.fit(record)
@@ -212,17 +203,6 @@ sampling_period
         if hasattr(self.best_estimator_, "feature_names_in_"):
             self.feature_names_in_ = self.best_estimator_.feature_names_in_
         return self
-
-    @property
-    def _slack(self) -> float:
-        """How many times the errors of the best a choice may reach and not be out of the race.
-
-        A standard error over folds is never larger than the errors themselves, so that what lies within one
-        of the best has no more than twice its errors.
-        """
-        if not self.race:
-            return np.inf
-        return 1.0 if self.rule == "best" else 2.0
 
     def _structures(self) -> list[dict]:
         """Return the grid over lags, delay and degree."""
@@ -233,19 +213,6 @@ sampling_period
             "degree": _choices(self.degree, "degree"),
         }
         return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
-
-    def _posed(self, structures: list[dict], record: Record) -> tuple[list[Problem], list]:
-        """Return what each structure is to be fitted to, and the constraints on each of its outputs."""
-        problems, constraints = [], []
-        for structure in structures:
-            regressor = self._regressor(**structure)
-            check_settings(regressor)
-            problem = without_repeated_powers(
-                pose(regressor, record), record.moments, regressor.constraints, warn=False
-            )
-            problems.append(problem)
-            constraints.append(constraints_of(regressor.constraints, problem))
-        return problems, constraints
 
     def _sizes(self) -> list[dict]:
         """Return how the number of terms may be chosen."""
@@ -269,19 +236,57 @@ sampling_period
         )  # fmt: skip
         return NARXRegressor(**{name: getattr(self, name) for name in shared} | chosen)
 
+    def _judge(self, record: Record, folds: list[Fold], structures, sizes, refined: bool):
+        """Return the scores of the whole grid by least squares, and those of the finalists as fitted."""
+        weights = fold_weights(scatter_of(record, folds))
+        n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
+        n_choices = len(structures) * len(sizes)
+        raced = n_choices > TABLE_TO_READ if self.race == "auto" else self.race
+        room = 1.0 if self.rule == "best" else room_of_a_standard_error(weights)
+        scores, counts = race(
+            self._screening(record, folds, structures, sizes).judge,
+            weights,
+            (len(structures), len(sizes)),
+            kept=len(structures) if not raced else n_leading(n_training) if refined else 1,
+            room=1.0 if refined else room,
+            whole=refined and len({tuple(size) for size in sizes}) > 1,  # numbers and criteria both go on
+        )
+        grid = [structure | size for structure in structures for size in sizes]
+        screened = Judged(grid, scores.reshape(n_choices, -1), counts.reshape(n_choices, -1), weights)
+        if not refined:
+            return screened, None
+        asked_all = isinstance(self.n_terms, str) and len(sizes) == self.max_terms
+        own_size = self._regressor().criterion if asked_all else None
+        chosen = choose_finalists(screened, sizes, own_size, n_training)
+        return screened, judge_finalists(
+            chosen, self._regressor, record, folds, weights=weights, kept=1 if raced else len(chosen),
+            room=room, n_jobs=self.n_jobs,
+        )  # fmt: skip
+
+    def _screening(self, record: Record, folds: list[Fold], structures, sizes) -> Screening:
+        """Pose every structure, and compress the record for all of them."""
+        problems, constraints = [], []
+        for structure in structures:
+            regressor = self._regressor(**structure)
+            check_settings(regressor)
+            problem = without_repeated_powers(
+                pose(regressor, record), record.moments, regressor.constraints, warn=False
+            )
+            problems.append(problem)
+            constraints.append(constraints_of(regressor.constraints, problem))
+        return Screening(problems, constraints, sizes, record, folds, self)
+
     def _tabulate(self, screened: Judged, finalists: Judged | None) -> None:
         """Store the results, and choose: among the finalists, where there are any."""
         judged = screened if finalists is None else screened.followed_by(finalists)
-        pooled, terms = judged.pooled, np.nanmean(judged.counts, axis=1)
+        pooled, terms, reached = judged.pooled, np.nanmean(judged.counts, axis=1), judged.n_reached
         names = dict.fromkeys(name for point in judged.choices for name in point)
         results = {f"param_{name}": _column([p.get(name) for p in judged.choices]) for name in names}
         results |= {f"split{i}_test_score": column for i, column in enumerate(judged.scores.T)}
         behind = np.zeros(len(pooled), dtype=bool)  # choices whose scores decide nothing
         behind[: 0 if finalists is None else len(screened.choices)] = True
-        complete = ~np.isnan(pooled)
-        order = np.lexsort(
-            (np.arange(len(pooled)), terms, np.where(complete, -pooled, np.inf), ~complete, behind)
-        )
+        score = np.where(np.isnan(pooled), judged.within_reach, pooled)
+        order = np.lexsort((np.arange(len(pooled)), terms, -score, -reached, behind))
         rank = np.empty(len(pooled), dtype=int)
         rank[order] = np.arange(1, len(pooled) + 1)
         self.cv_results_ = results | {
@@ -290,6 +295,7 @@ sampling_period
             "pooled_test_score": pooled,
             "mean_n_terms": terms,
             "rank_test_score": rank,
+            "n_judged_splits": reached,
             "refined": ~behind & (finalists is not None),
         }
         best = int(order[0])

@@ -1,5 +1,5 @@
 """Cross-validation by free run: choices of lags, degree and size on held-out parts.
 
-``folds`` are parts of a record, of which each is held out once; choices are ``judged`` there, in a ``race``:
-all of them by a ``screen`` of least squares, and the ``finalists`` as they will be fitted.
+``folds`` are parts of a record, of which each is held out once; choices are ``judged`` there: the whole grid
+by ``screening``, and the ``finalists`` as they will be fitted. ``racing`` leaves out what cannot win.
 """

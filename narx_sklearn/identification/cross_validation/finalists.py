@@ -8,14 +8,14 @@ round.
 
 import warnings
 from collections.abc import Callable
-from contextlib import contextmanager
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.identification.cross_validation.folds import Fold, parted
 from narx_sklearn.identification.cross_validation.judged import Judged
-from narx_sklearn.identification.cross_validation.race import race
+from narx_sklearn.identification.cross_validation.racing import race
 from narx_sklearn.identification.free_run.free_run_fit import reads_all_samples
 from narx_sklearn.identification.free_run.scoring import FreeRunJudge
 from narx_sklearn.identification.records.record import ArrayRecord, Record
@@ -38,7 +38,7 @@ def refinement_decides(settings, record: Record) -> bool:
 
 
 def n_leading(n_training: int) -> int:
-    """Return how many structures go on, of training parts of so many samples together."""
+    """Return how many structures go on, of folds that train on so many samples together."""
     return max(FITTED_SAMPLES // max(n_training, 1), 2)
 
 
@@ -77,7 +77,7 @@ def choose_finalists(
     finalists = []
     for g in np.argsort(-means.max(axis=1), kind="stable")[: n_leading(n_training)]:
         for kind in (counted, ~counted):
-            if np.isfinite(means[g, kind]).any():
+            if kind.any():
                 best = np.flatnonzero(kind)[np.argmax(means[g, kind])]
                 finalists.append(screened.choices[g * len(sizes) + best])
         if own_size is not None:
@@ -92,21 +92,16 @@ def judge_finalists(
     folds: list[Fold],
     *,
     weights: np.ndarray,
-    slack: float,
+    kept: int,
+    room: float,
     n_jobs: int | None,
 ) -> Judged:
-    """Fit finalists to the training part of folds, and score their free runs of the test part.
+    """Fit finalists to the training parts of the folds they reach, and score their free runs of the tests.
 
-    Parameters
-    ----------
-    weights : ndarray of shape (n_folds,)
-        Weights of the folds.
-    slack : float
-        How far behind the best one may fall and go on; see `race`.
+    ``kept`` and ``room`` are those of `race`.
     """
 
-    @contextmanager
-    def opened(f: int):
+    def judge(f: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         fold = folds[f]
         X, y, labels = record.take(fold.training)
         training = ArrayRecord(
@@ -114,13 +109,20 @@ def judge_finalists(
             output_labels=record.output_labels, y_ndim=record.y_ndim, sampling_period=record.sampling_period,
         )  # fmt: skip
         X, y, labels = record.take(fold.test)
-        judge = FreeRunJudge(X, y, sessions=parted(labels, fold.test))
+        on_test = FreeRunJudge(X, y, sessions=parted(labels, fold.test))
+        asked = np.flatnonzero(wanted[:, 0])
+        fitted = Parallel(n_jobs=n_jobs, prefer="threads")(
+            delayed(_fit_and_judge)(regressor_of(**finalists[g]), training, on_test) for g in asked
+        )
+        scores, counts = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
+        scores[asked, 0], counts[asked, 0] = zip(*fitted, strict=True)
+        return scores, counts
 
-        def judged(g: int, _):
-            model = regressor_of(**finalists[g]).fit(training).model_
-            return [judge.score(model)], [model.n_terms]
-
-        yield judged
-
-    scores, counts = race(opened, weights, (len(finalists), 1), slack=slack, n_jobs=n_jobs)
+    scores, counts = race(judge, weights, (len(finalists), 1), kept=kept, room=room)
     return Judged(finalists, scores[:, 0], counts[:, 0], weights)
+
+
+def _fit_and_judge(regressor, training: Record, on_test: FreeRunJudge) -> tuple[float, int]:
+    """Return score and number of terms of a fit."""
+    model = regressor.fit(training).model_
+    return on_test.score(model), model.n_terms

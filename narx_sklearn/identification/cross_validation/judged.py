@@ -36,9 +36,9 @@ class Judged(NamedTuple):
     choices : list of dict
         Parameters of the regressor.
     scores : ndarray of shape (n_choices, n_folds)
-        Held-out R² of the free run, NaN where a choice was not judged.
+        Held-out R² of the free run, NaN on folds that a choice did not reach in a race.
     counts : ndarray of shape (n_choices, n_folds)
-        Numbers of terms, NaN too.
+        Numbers of terms, NaN there too.
     weights : ndarray of shape (n_folds,)
         Weights of the folds, of sum one; see `fold_weights`.
     """
@@ -50,13 +50,23 @@ class Judged(NamedTuple):
 
     @property
     def pooled(self) -> np.ndarray:
-        """R² of each choice over all folds together, NaN of what was not judged on all."""
+        """R² of each choice over all folds together, NaN where some were not reached."""
         return self.scores @ self.weights
 
     @property
     def standard_error(self) -> np.ndarray:
         """Standard error of that; of folds of one weight their deviation over the root of their number."""
         return np.sqrt((self.scores - self.pooled[:, None]) ** 2 @ self.weights**2)
+
+    @property
+    def n_reached(self) -> np.ndarray:
+        """Number of folds on which each choice was judged."""
+        return np.isfinite(self.scores).sum(axis=1)
+
+    @property
+    def within_reach(self) -> np.ndarray:
+        """What each would score over all folds together if it made no error on those it did not reach."""
+        return 1.0 - np.nansum(self.weights * (1.0 - self.scores), axis=1)
 
     def followed_by(self, others: "Judged") -> "Judged":
         """Return these choices and then the others."""
