@@ -10,7 +10,10 @@ from sklearn.model_selection import GridSearchCV, KFold, TimeSeriesSplit
 
 from narx_sklearn import NARXRegressor, NARXRegressorCV
 from narx_sklearn.datasets import make_piezo_bench
+from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.model import Difference
+
+pytestmark = pytest.mark.filterwarnings("ignore:The best choice has")  # grids here end at the true lags
 
 
 def make_record(n_samples, seed=0, noise=0.02):
@@ -260,3 +263,17 @@ def test_only_grids_of_more_than_a_hundred_choices_are_raced_unasked(max_terms, 
     search = NARXRegressorCV([1, 2], [1, 2], degree=[2, 3], max_terms=max_terms, cv=3, refine=False)
     assert len(search.fit(X, y).cv_results_["n_judged_splits"]) == 8 * max_terms
     assert (search.cv_results_["n_judged_splits"] < 3).any() == left_out
+
+
+def test_a_choice_at_the_edge_of_the_grid_is_told_where_it_needs_what_it_has():
+    rng = np.random.default_rng(0)
+    X, y = rng.uniform(-1, 1, (600, 1)), np.zeros(600)
+    for k in range(4, 600):
+        y[k] = 0.5 * y[k - 1] + X[k - 1, 0] + 0.8 * X[k - 3, 0] + 0.4 * X[k - 4, 0] + 0.02 * rng.normal()
+    task = {"degree": [1], "max_terms": 6, "cv": 3, "origin": "zero", "refine": False}
+    with pytest.warns(NarxWarning, match=r"has input_lags=3, .* Pass larger values for input_lags as well"):
+        NARXRegressorCV([1], [2, 3], **task).fit(X, y)
+    for input_lags in ([3, 4, 5], [4], [[1, 3], [1, 4]]):  # inside, nothing to compare with, no edge
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            NARXRegressorCV([1], input_lags, **task).fit(X, y)

@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from narx_sklearn._threads import single_threaded_blas
 from narx_sklearn._validation import check_choice, check_count
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.identification.cross_validation.edges import clear_edges
 from narx_sklearn.identification.cross_validation.finalists import (
     choose_finalists,
     judge_finalists,
@@ -176,6 +177,12 @@ sampling_period
         Returns
         -------
         self
+
+        Warns
+        -----
+        NarxWarning
+            If the best choice has the longest lags or the largest degree of the grid, and what has less is
+            worse by more than the standard error of the difference.
         """
         for name in ("model_", "feature_names_in_"):  # an interrupted fit leaves nothing that could be used
             self.__dict__.pop(name, None)
@@ -196,6 +203,7 @@ sampling_period
             warnings.simplefilter("ignore", NarxWarning)  # of trials; the model that is taken tells its own
             screened, finalists = self._judge(record, folds, structures, sizes, refined)
         self._tabulate(screened, finalists)
+        self._tell_edges(screened)
         best = self._regressor(**self.best_params_)
         self.best_estimator_ = best.fit(X, y, sessions=sessions) if record.in_memory else best.fit(record)
         self.model_ = self.best_estimator_.model_
@@ -305,6 +313,25 @@ sampling_period
         self.best_index_ = best
         self.best_params_ = judged.choices[best]
         self.best_score_ = float(pooled[best])
+
+    def _tell_edges(self, screened: Judged) -> None:
+        """Warn where larger lags or degrees than those of the grid may be better.
+
+        That is judged by the screen, which holds all of them, for the best of what it has of the structure
+        that was chosen: the finalists may all lie at the edge.
+        """
+        chosen = {name: v for name, v in self.best_params_.items() if name not in ("n_terms", "criterion")}
+        own = [g for g, choice in enumerate(screened.choices) if chosen.items() <= choice.items()]
+        best = own[int(np.nanargmax(screened.pooled[own]))]
+        edges = clear_edges(screened, best)
+        if edges:
+            said = " and ".join(f"{name}={value}" for name, value in edges.items())
+            warnings.warn(
+                f"The best choice has {said}, the largest of the grid, and is clearly better than with less: "
+                f"more may be better still. Pass larger values for {' and '.join(edges)} as well.",
+                NarxWarning,
+                stacklevel=3,
+            )
 
     def predict(self, X, y_init=None, sessions=None):
         """Simulate the best model; see `NARXRegressor.predict`."""
