@@ -182,7 +182,7 @@ sampling_period
         -----
         NarxWarning
             If the best choice has the longest lags or the largest degree of the grid, and what has less is
-            worse by more than the standard error of the difference.
+            worse by more than two standard errors of the difference.
         """
         for name in ("model_", "feature_names_in_"):  # an interrupted fit leaves nothing that could be used
             self.__dict__.pop(name, None)

@@ -7,13 +7,15 @@ from narx_sklearn.identification.cross_validation.judged import Judged
 __all__ = ["clear_edges"]
 
 GROWING = ("output_lags", "input_lags", "degree")
+# standard errors of a difference that chance rarely makes, the usual two
+CLEAR = 2.0
 
 
 def clear_edges(judged: Judged, best: int) -> dict[str, int]:
     """Return the parameters of which the best choice has the largest value of the grid, and needs it.
 
-    It needs it where the best of what has smaller values is worse by more than the standard error of the
-    difference over the folds, or was left out of a race. Grids that hold lists of lags have no edge.
+    It needs it where the best of what has smaller values is worse by more than two standard errors of
+    the difference over the folds, or was left out of a race. Grids that hold lists of lags have no edge.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def clear_edges(judged: Judged, best: int) -> dict[str, int]:
         if complete.size:
             rival = complete[np.argmax(judged.pooled[complete])]
             gain = judged._replace(scores=(judged.scores[best] - judged.scores[rival])[None])
-            if not gain.pooled[0] > gain.standard_error[0]:
+            if not gain.pooled[0] > CLEAR * gain.standard_error[0]:
                 continue
         found[name] = int(values[best])
     return found
