@@ -13,7 +13,7 @@ from harness.recordings import RECORDINGS
 from harness.search import free_run_rmse
 from harness.tables import format_table, save_json
 
-METHODS = ("ours", "ours: black box", "sysidentpy", "fastcan")
+METHODS = ("ours", "ours: black box", "ours: NARXRegressorCV", "sysidentpy", "fastcan")
 DEFAULT = (
     "silverbox",
     "emps",

@@ -2,7 +2,8 @@
 
 Real recordings: `ours` gives the model what a user of the machine knows (`ours_gray_box.py` says what; where
 that file has no recipe, the search on any recording stands in), `ours: black box` is the search on any
-recording (`ours_black_box.py`). Both decide on the training record alone.
+recording (`ours_black_box.py`), `ours: NARXRegressorCV` one plain fit (`ours_cv.py`). All decide on the
+training record alone.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +13,7 @@ from harness.candidates import LibrarySpec
 from harness.polynomial import Term, term_text
 from harness.recordings import SearchSpec
 
-from methods import ours_black_box, ours_gray_box
+from methods import ours_black_box, ours_cv, ours_gray_box
 from methods.ours_state import OurModel
 from narx_sklearn import NARXRegressor
 from narx_sklearn.model import NARXModel, free_run
@@ -65,7 +66,11 @@ def _make_simulator(terms: Sequence[Term], theta: np.ndarray):
     return PlainModel(NARXModel.from_equations(equations)).predict
 
 
-SEARCHES = {"ours": _search, "ours: black box": ours_black_box.search}
+SEARCHES = {
+    "ours": _search,
+    "ours: black box": ours_black_box.search,
+    "ours: NARXRegressorCV": ours_cv.search,
+}
 RECOVERERS = {"ours": _recover}
 SELECTORS = {"ours": _select}
 SIMULATORS = {"ours": _make_simulator}
