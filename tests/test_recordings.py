@@ -85,6 +85,7 @@ def test_files_of_three_kinds_give_the_model_of_the_arrays(machines, files, monk
     np.testing.assert_allclose(ours.summary()["low"], plain.summary()["low"], rtol=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore:The best choice has")  # the lags of the record are the most tried
 def test_the_search_over_lags_judges_files_as_it_does_arrays(machines, files):
     grid = {"output_lags": (1, 2), "input_lags": (2,), "degree": (1, 2), "max_terms": 5, "refine": False}
     ours = NARXRegressorCV(**grid).fit(open_files(files))

@@ -246,13 +246,14 @@ sampling_period
 
     def _judge(self, record: Record, folds: list[Fold], structures, sizes, refined: bool):
         """Return the scores of the whole grid by least squares, and those of the finalists as fitted."""
+        screening = self._screening(record, folds, structures, sizes)  # which refuses what cannot be fitted
         weights = fold_weights(scatter_of(record, folds))
         n_training = sum(run.stop - run.start for fold in folds for run in fold.training)
         n_choices = len(structures) * len(sizes)
         raced = n_choices > TABLE_TO_READ if self.race == "auto" else self.race
         room = 1.0 if self.rule == "best" else room_of_a_standard_error(weights)
         scores, counts = race(
-            self._screening(record, folds, structures, sizes).judge,
+            screening.judge,
             weights,
             (len(structures), len(sizes)),
             kept=len(structures) if not raced else n_leading(n_training) if refined else 1,
