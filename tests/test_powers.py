@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_machines import axis_problem, diagnosed_oscillator
+from small_machines import axis, axis_problem, diagnosed_oscillator, friction, levels, make_axis
 
 from narx_sklearn.discrepancy import ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.kinds import EVEN_POWER, INVERSE, ODD_POWER
@@ -46,6 +47,10 @@ def drag(c2=0.3):
 def power(exponent, strength=0.3, size=1.0, odd=True):
     effect = power_effect(Power(3.0, odd), size)
     return PlacedEffect(effect, Port("state", 1), VELOCITY, theta=(-strength, exponent, size))
+
+
+def root(exponent, strength=0.3, size=1.0):
+    return PlacedEffect(root_effect(size), Port("state", 1), VELOCITY, theta=(-strength, exponent, size))
 
 
 @given(x=st.floats(-3.0, 3.0), n=st.floats(1.5, 6.0), size=st.floats(0.1, 5.0))
@@ -99,6 +104,11 @@ class TestNames:
         assert placed.theta[1] == pytest.approx(exponent, abs=0.3)
         assert other.fit.cost < best.fit.cost
 
+    def test_a_root_refutes_the_name_of_a_square(self):
+        problem, _, best = refitted_with(root(0.45), drag())
+        (placed,) = with_another_power(problem, best, 0.005).effects
+        assert placed.theta[1] == pytest.approx(0.45, abs=0.05)
+
     @pytest.mark.parametrize("exponent", [2.0, 2.3])
     def test_a_power_that_is_hardly_off_does_not(self, exponent):
         problem, _, best = refitted_with(power(exponent), drag())
@@ -147,8 +157,7 @@ class TestWithoutAName:
 
     @pytest.mark.parametrize("exponent", [0.35, 0.5])
     def test_a_root_of_what_turns_is_found(self, exponent):
-        truth = PlacedEffect(root_effect(1.0), Port("state", 1), VELOCITY, theta=(-0.3, exponent, 1.0))
-        (placed,) = self.found(truth, [drag()]).effects
+        (placed,) = self.found(root(exponent), [drag()]).effects
         assert (placed.effect.code, placed.weights) == (ODD_POWER, VELOCITY)
         assert placed.theta[1] == pytest.approx(exponent, abs=0.05)
 
@@ -174,6 +183,46 @@ class TestWithoutAName:
         placed = placed_powers(problem.simulator, find_structure(problem.simulator, x, problem.u), x)
         tried = {(p.effect.code, p.weights) for p in placed}
         assert tried == {(c, w) for c in (ODD_POWER, EVEN_POWER) for w in (VELOCITY, (1.0, 0.0))}
+
+
+def screw(x, u, p):
+    """An axis that the root of its speed brakes, its law written by hand."""
+    return x[1], p[0] * u[0] - p[1] * x[1] - 0.6 * np.sign(x[1]) * abs(x[1]) ** 0.45
+
+
+def fitted_to(record, *laws):
+    """Return an axis with laws at its velocity, fitted to a record of another's."""
+    u, y = record
+    windows = cut([(slice(0, len(u)), 0)], 375, 12)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([0.002])))
+    model = Model(problem.simulator.nominal, laws, np.zeros((windows.count, 2)))
+    return Candidate(fit(problem, model), problem.n_seen)
+
+
+NAMED = {  # Fc, and of Stribeck's friction that at rest over it, a speed, and the power of the fall
+    "coulomb_friction": (0.3,),
+    "stribeck_friction": (0.3, 2.0, 1.0, 2.0),
+    "viscous_damping": (0.3,),
+}
+
+
+@pytest.mark.parametrize("kind", ["screw", *NAMED])
+def test_a_root_and_the_frictions_of_the_catalogue_are_told_apart(kind):
+    u = levels(np.random.default_rng(0), 1500)
+    frictions = {code: friction(size, code, shape) for code, (size, *shape) in NAMED.items()}
+    machine = make_axis(1.1, 0.4, equations=screw if kind == "screw" else axis)
+    machine = machine.with_effects([frictions[kind]] if kind in NAMED else [])
+    record = u, machine.simulate(u) + 0.002 * np.random.default_rng(1).normal(size=u.shape)
+    nothing, by_root = fitted_to(record), fitted_to(record, root(0.5))
+    named = likeliest([fitted_to(record, law) for law in frictions.values()], nothing.fit.cost)
+    if kind == "screw":
+        assert by_root.effects[0].theta[1] == pytest.approx(0.45, abs=0.03)
+        assert by_root.criterion < named.criterion - 100
+    elif kind == "viscous_damping":  # the axis has one of its own, which needs nothing beside it
+        assert by_root.criterion > nothing.criterion
+    else:
+        assert named.effects[0].effect.code == kind
+        assert by_root.criterion > named.criterion + 100
 
 
 def height(x, u, p):

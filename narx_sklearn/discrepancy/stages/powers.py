@@ -13,12 +13,14 @@ from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
+from narx_sklearn.discrepancy.search.unnamed.broken_line import ends_of
 from narx_sklearn.discrepancy.search.unnamed.kinds import INVERSE, ODD_POWER
 from narx_sklearn.discrepancy.search.unnamed.powers import (
     HALF,
     INVERSES,
     POWERS,
     ROOTS,
+    as_root,
     placed_powers,
     with_free_power,
 )
@@ -31,18 +33,18 @@ def with_another_power(problem: Problem, best: Candidate, alpha: float) -> Candi
     """Return a set in which a law goes as another power than it has by its name, if one surely does.
 
     No form is exact; a power that may be off by no more than a half is still the name's. One more number is
-    fitted.
+    fitted. In the place of an odd one a root is tried too.
     """
     x = problem.run(best.fit.model).x[problem.rows[problem.inside]]
     for i, placed in enumerate(best.effects):
         power, size = placed.effect.power, abs(x @ placed.weights).max() if placed.weights else 0.0
         if power is None or not size > 0:
             continue
-        freed = with_free_power(placed, power, size)
-        effects = (*best.effects[:i], freed, *best.effects[i + 1 :])
-        found = Candidate(
-            fit(problem, best.fit.model._replace(effects=effects), iterations=FINE), best.n_samples
-        )
+        freed = [with_free_power(placed, power, size)]
+        low, high = ends_of(x @ placed.weights)
+        if power.odd and low < 0 < high:
+            freed.append(as_root(placed, size))
+        found = min((_with(problem, best, i, law) for law in freed), key=lambda c: c.fit.cost)
         at = found.fit.model.theirs[i].start + 1
         error = np.sqrt(covariance(problem, found.fit)[at, at])
         if abs(found.fit.model.q[at] - power.exponent) - SURELY * error <= HALF:
@@ -51,6 +53,12 @@ def with_another_power(problem: Problem, best: Candidate, alpha: float) -> Candi
         if chance_of_noise(gained, 1, 1) <= alpha:
             return found
     return None
+
+
+def _with(problem: Problem, best: Candidate, i: int, law: PlacedEffect) -> Candidate:
+    """Return a set with a law in the place of one of its effects."""
+    effects = (*best.effects[:i], law, *best.effects[i + 1 :])
+    return Candidate(fit(problem, best.fit.model._replace(effects=effects), iterations=FINE), best.n_samples)
 
 
 def best_power(

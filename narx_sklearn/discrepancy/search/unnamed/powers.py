@@ -96,7 +96,16 @@ def power_effect(power: Power, size: float) -> Effect:
 
 def with_free_power(placed: PlacedEffect, power: Power, size: float) -> PlacedEffect:
     """Return the law of an effect that goes as a power, with that power free, for an argument of a size."""
+    return _instead(placed, power_effect(power, size), power.exponent, size)
+
+
+def as_root(placed: PlacedEffect, size: float) -> PlacedEffect:
+    """Return a root in the place of an effect, as strong for an argument of a size."""
+    return _instead(placed, root_effect(size), ROOT.exponent, size)
+
+
+def _instead(placed: PlacedEffect, law: Effect, exponent: float, size: float) -> PlacedEffect:
     effect, theta = placed.effect, np.array(placed.theta)
     strength = effect.force(size, 0.0, 0.0, 0.0, 0.0, 1.0, np.zeros(1), theta, np.zeros(1))
-    freed = replace(placed, effect=power_effect(power, size), limits=())
-    return freed.at((strength, power.exponent, size, *placed.onward_theta))
+    freed = replace(placed, effect=law, limits=())
+    return freed.at((strength, exponent, size, *placed.onward_theta))
