@@ -1,6 +1,7 @@
 """Effects that act for a while: how they run, how they are found, and what is not taken for one."""
 
 import pickle
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,15 @@ import pytest
 from scipy.signal import lfilter
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.cli._diagnose import propose
+from narx_sklearn.discrepancy import conclusion
 from narx_sklearn.discrepancy.as_narx import effect_regressors
 from narx_sklearn.discrepancy.fitting.acting import correction
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect, Port, Span
+from narx_sklearn.discrepancy.report_text import report_text
 from narx_sklearn.discrepancy.results import Finding
 from narx_sklearn.discrepancy.rivals import as_simulators, find_rivals
 from narx_sklearn.discrepancy.search.candidate import Candidate
@@ -33,6 +37,7 @@ from narx_sklearn.discrepancy.stages.temporary import (
 )
 from narx_sklearn.model.simulation import free_run
 from narx_sklearn.physics.effects import CATALOGUE
+from narx_sklearn.report._words import headline
 
 DT = 0.02
 FRICTION = 1.5
@@ -191,6 +196,71 @@ def test_models_and_experiments_take_what_lasts(found):
     rivals = find_rivals(found.conclusion_.diagnosis, ["coulomb_friction", "viscous_damping"])
     rivals = as_simulators(rivals, set(), found.conclusion_.diagnosis.problem)
     assert all(e.during == ALWAYS for simulator in rivals.values() for e in simulator.effects)
+
+
+class TestConfirmed:
+    """The friction was over when the samples held out began: only the parameters that it bent show there."""
+
+    @pytest.fixture
+    def judged(self, found, record, monkeypatch):
+        def judge_with(unbent=False, lasting=()):
+            of = found.conclusion_.diagnosis
+            best, refitted = of.best.fit.model, of.refitted
+            if unbent:
+                refitted = refitted._replace(model=refitted.model._replace(p=best.p, x0=best.x0))
+            effects = (*best.effects, *lasting)
+            model = best._replace(effects=effects)
+            best = replace(of.best, fit=fit(of.problem, model, iterations=0)) if lasting else of.best
+            given = replace(
+                of,
+                refitted=refitted,
+                best=best,
+                order=tuple(range(len(effects))),
+                alternatives=((),) * len(effects),
+            )
+            monkeypatch.setattr(conclusion, "diagnose", lambda *_: given)
+            u, y = record
+            settings = Settings((), 0.005, 2, 16, None, 0, None, lambda stage: None)
+            return conclusion.conclude(make(), u, y, None, settings)
+
+        return judge_with
+
+    def test_by_what_it_bent(self, judged):
+        concluded = judged()
+        assert not concluded.is_unconfirmed
+        assert concluded.verdict == "explained"
+
+    def test_by_nothing_is_no_explanation(self, judged):
+        concluded = judged(unbent=True)
+        assert concluded.is_unconfirmed
+        assert concluded.diagnosis.verdict == "explained"
+        assert concluded.verdict == "ambiguous"
+        assert concluded.corrected.effects
+
+    def test_what_lasts_beside_it_does_not_confirm_it(self, judged, monkeypatch):
+        """What lasts is compared without it, with the parameters that it has beside it."""
+        weak = PlacedEffect(CATALOGUE["viscous_damping"], Port("state", 1), (0.0, 1.0), theta=(1e-9,))
+        asked = []
+
+        def alone(problem, model):
+            asked.append(tuple(e.effect.code for e in model.effects))
+            return fit(problem, model, iterations=0)  # as it stands beside what acts for a while
+
+        monkeypatch.setattr(conclusion, "fit", alone)
+        assert judged(lasting=[weak]).is_unconfirmed
+        assert asked == [("viscous_damping",)]
+
+    def test_by_nothing_is_said(self, found):
+        assert "acts for a while" not in found.report_
+        dx = copy(found)
+        dx.conclusion_ = replace(found.conclusion_, is_unconfirmed=True)
+        dx.verdict_ = "ambiguous"
+        report = " ".join(report_text(dx).split())
+        assert "acts for a while only, and no sample that was held out confirms it" in report
+        assert "Nothing that was held out is followed better with what acts for a while" in report
+        assert headline(dx).count("or what") == 1
+        assert "or what always acts and looks like that meanwhile" in headline(dx)
+        assert propose(dx, None) is None  # no experiment tells it from what nobody knows
 
 
 @pytest.mark.long

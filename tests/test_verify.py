@@ -35,6 +35,25 @@ def held_out(left_before, left_after) -> HeldOut:
     return HeldOut(less, changed, np.mean(left_before**2), np.mean(left_after**2), windows, np.zeros((1, 1)))
 
 
+class TestIsBetter:
+    def test_what_is_right_and_large_enough_is(self):
+        rng = np.random.default_rng(0)
+        change = 0.5 * rng.normal(size=N)
+        assert all(held_out(e + change, e).is_better for e in rng.normal(size=(50, N)))
+
+    def test_what_changes_nothing_or_goes_anywhere_is_not(self):
+        rng = np.random.default_rng(1)
+        e = rng.normal(size=N)
+        assert not held_out(e, e).is_better
+        told = [held_out(e, e + 0.2 * rng.normal(size=N)).is_better for e in rng.normal(size=(50, N))]
+        assert sum(told) == 0
+
+    def test_a_run_that_is_lost_is_worse_than_one_that_is_not(self):
+        e, lost = np.ones(N), np.full(N, np.inf)
+        assert held_out(lost, e).is_better
+        assert not held_out(e, lost).is_better
+
+
 class TestIsBelied:
     def test_what_is_right_rarely_is(self):
         rng = np.random.default_rng(0)
@@ -80,6 +99,7 @@ def test_stretches_that_are_too_short_leave_no_initial_states():
     )
     assert nothing.x0.shape == (0, 2)
     assert not nothing.is_silent(1.0)
+    assert not nothing.is_better
     assert not nothing.is_belied(1.0)
 
 

@@ -96,7 +96,7 @@ def _page(dx: DiscrepancyRegressor, recording: Recording, y, begin, **about) -> 
 
 def propose(dx: DiscrepancyRegressor, recording: Recording):
     """Return the input, in the range of the recorded one, that separates look-alikes; None where none are."""
-    if dx.verdict_ != "ambiguous":
+    if dx.verdict_ != "ambiguous" or not any(finding.lookalikes for finding in dx.findings_):
         return None
     u = recording.u.iloc[:, 0]
     return dx.next_experiment((u.max() - u.min()) / 2, min(len(u), LONGEST))

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.narrow import bounds_as_findings
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.finding import DataFinding
@@ -49,7 +50,8 @@ class Conclusion:
     split : Split
         Samples that were fitted and samples that were held out.
     verdict : str
-        That of the diagnosis, or "unknown" where samples held out take it back.
+        That of the diagnosis, "unknown" where samples held out take it back, or "ambiguous" where they would
+        have to confirm it and do not.
     tried : Simulator
         With all that was found, but what nobody can foresee where the rest does without it.
     corrected : Simulator
@@ -64,6 +66,8 @@ class Conclusion:
         What names leave of held-out samples over what they leave elsewhere, mean square; 1 if none can tell.
     is_silent : bool
         Whether held-out samples neither confirm nor refute what was found.
+    is_unconfirmed : bool
+        Whether names that act for a while only leave no less of held-out samples than all else does alone.
     """
 
     diagnosis: Diagnosis
@@ -76,6 +80,7 @@ class Conclusion:
     stretches: tuple[Stretch, ...] = ()
     left_there: float = 1.0
     is_silent: bool = False
+    is_unconfirmed: bool = False
 
     @cached_property
     def refitted(self) -> Simulator:
@@ -86,6 +91,11 @@ class Conclusion:
     def is_worse(self) -> bool:
         """Whether what was tried is surely worse than a refit in whole runs, where small errors add up."""
         return not self.scores.empty and bool(self.scores["removed_high"]["augmented"] < 0)
+
+    @property
+    def is_better(self) -> bool:
+        """Whether what was tried is surely better than a refit in whole runs."""
+        return not self.scores.empty and bool(self.scores["removed_low"]["augmented"] > 0)
 
     @property
     def is_lost(self) -> bool:
@@ -248,6 +258,8 @@ def _concluded(
     if concluded.verdict in ("explained", "ambiguous"):
         effects = concluded.diagnosis.best.effects
         standing = not_told_by(standing, effects, concluded.diagnosis.problem.simulator)
+    if concluded.is_unconfirmed and concluded.verdict == "explained":
+        concluded = replace(concluded, verdict="ambiguous")
     return replace(concluded, of_record=(*standing, *of_steps, *of_bounds))
 
 
@@ -272,6 +284,7 @@ def _held_against(
         whole,
         left_there=_left_over_there(diagnosis, held),
         is_silent=held.is_silent(best.fit.cost / best.n_samples),
+        is_unconfirmed=_is_unconfirmed(whole, held),
     )
     harms = _harms(whole, held)
     if harms or whole.is_worse:
@@ -321,12 +334,39 @@ def _without_drifts(whole: Conclusion, u: np.ndarray, y: np.ndarray, settings: S
     return None if rest.is_worse or _harms(rest, _on_held_out(rest)) else rest
 
 
-def _on_held_out(found: Conclusion) -> HeldOut:
-    """Return what the refitted simulator and the one that was tried leave of held-out samples."""
-    guesses = (found.guesses["refitted"], found.guesses["augmented"])
-    simulators = (found.refitted, found.tried)
+def _on_held_out(found: Conclusion, before: tuple[Simulator, Fit] | None = None) -> HeldOut:
+    """Return what a simulator and the one that was tried leave of held-out samples.
+
+    The former is that which was refitted, or another one with its fit that is given.
+    """
+    guesses, simulators = (
+        (found.guesses["refitted"], found.guesses["augmented"]),
+        (found.refitted, found.tried),
+    )
+    if before is not None:
+        nearest = 0 if found.split.beginnings else -1
+        guesses, simulators = (before[1].model.x0[nearest], guesses[1]), (before[0], found.tried)
     pieces, lead = found.split.held_out, found.leads["augmented"]
     return on_held_out(found.diagnosis.problem, *simulators, pieces, guesses, lead)
+
+
+def _is_unconfirmed(found: Conclusion, held: HeldOut) -> bool:
+    """Tell whether names that act for a while leave no less of held-out samples than all else does alone.
+
+    A law that always acts, and has no name, may look like some effect for as long as the machine is moved in
+    one way. Where it acts on held-out samples, or where without it parameters are bent that these ask for, an
+    effect that acts for a while does them good.
+    """
+    diagnosis, model = found.diagnosis, found.diagnosis.best.fit.model
+    lasting = tuple(effect for effect in model.effects if not effect.passes)
+    if len(lasting) == len(model.effects):
+        return False
+    if lasting:
+        problem = diagnosis.problem
+        alone = fit(problem, model._replace(effects=lasting))
+        simulator = problem.simulator.with_parameters(alone.model.p).with_effects(alone.model.effects)
+        return not _on_held_out(found, (simulator, alone)).is_better
+    return not (held.is_better or found.is_better)
 
 
 def _harms(found: Conclusion, held: HeldOut) -> bool:

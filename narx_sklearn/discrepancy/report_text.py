@@ -53,6 +53,11 @@ def verdict_sentence(dx) -> str:
             f"No physics is missing; the {'bound' if one else 'bounds'} given for "
             f"{_listed([at.parameter.name for at in narrow])} {'is' if one else 'are'} too narrow."
         )
+    if is_for_its_time_only(dx):
+        return (
+            "Physics is missing; what is named acts for a while only, and no sample that was held out "
+            "confirms it."
+        )
     other = what_is_no_law(dx)
     return f"{other}." if other else VERDICTS[dx.verdict_]
 
@@ -221,11 +226,24 @@ def what_adds_up(dx) -> str:
 
 def what_is_not_confirmed(dx) -> str:
     """Return that held-out samples do not tell of what was found; empty where they do."""
-    if not (dx.conclusion_.is_silent and dx.conclusion_.corrected.effects):
+    if not dx.conclusion_.corrected.effects:
+        return ""
+    if is_for_its_time_only(dx):
+        return (
+            "Nothing that was held out is followed better with what acts for a while: only the samples of "
+            "its time tell its name. A law that always acts, and has no name, may look like it as long as "
+            "the machine is moved in one way. A record that holds such a time twice would tell."
+        )
+    if not dx.conclusion_.is_silent:
         return ""
     return (
         "What was found changes next to nothing of the held-out samples, which neither confirm nor refute it."
     )
+
+
+def is_for_its_time_only(dx) -> bool:
+    """Tell whether names stand that act for a while, and no held-out sample confirms them."""
+    return dx.conclusion_.is_unconfirmed and dx.verdict_ in ("explained", "ambiguous")
 
 
 def _quantity(value: float, unit: str, digits: int) -> str:

@@ -244,6 +244,13 @@ class HeldOut(NamedTuple):
         """Tell whether the corrected one changes next to nothing there, so that nothing is confirmed."""
         return bool(self.changed.size and self.changed.sum() < SEEN * unit)
 
+    @property
+    def is_better(self) -> bool:
+        """Whether the corrected one leaves surely less there."""
+        if not np.all(np.isfinite(self.less)):
+            return bool(np.isfinite(self.left) and not np.isfinite(self.without))
+        return bool(self.less.sum() > SURELY * np.sqrt(np.sum(self.less**2)))
+
     def is_belied(self, unit: float) -> bool:
         r"""Tell whether the corrected one does no good there, where it should if it were right.
 

@@ -7,7 +7,12 @@ import numpy as np
 import pandas as pd
 
 from narx_sklearn.analysis.residuals import ResidualTests
-from narx_sklearn.discrepancy.report_text import verdict_sentence, what_a_refit_harms, what_is_no_law
+from narx_sklearn.discrepancy.report_text import (
+    is_for_its_time_only,
+    verdict_sentence,
+    what_a_refit_harms,
+    what_is_no_law,
+)
 from narx_sklearn.discrepancy.results import p_text
 from narx_sklearn.report._runs import WORDS
 
@@ -78,7 +83,11 @@ def headline(dx) -> str:
         others = _listed(
             list(dict.fromkeys(name for f in dx.findings_ for name in readable(f.lookalikes))), "or"
         )
-        sentence = f"Missing from the simulation: {names}, or what looks the same on these data: {others}"
+        sentence = f"Missing from the simulation: {names}"
+        if others:
+            sentence += f", or what looks the same on these data: {others}"
+        if is_for_its_time_only(dx):
+            sentence += ", or what always acts and looks like that meanwhile"
     elif dx.verdict_ == "unknown" and not _is_beside_physics(dx):
         sentence = "Something is missing from the simulation that the catalogue does not hold"
         if other := what_is_no_law(dx):
