@@ -336,8 +336,7 @@ def _unless_noise(
     law = best_unnamed(problem, refitted, nothing, structure, settings, known, waves)
     if is_noise:
         # one weak sign, of what no name explains, is no finding: the law has to be one by itself
-        alone = max(len(known), 1), settings.alpha
-        if law is not None and left_by_law(problem, nothing, law, structure, settings, *alone).is_little:
+        if law is not None and _is_one_by_itself(law, nothing, searched, structure, settings):
             return searched, Judgement("unknown", law, ((),), law), searched.p_value
         return searched, found, max(searched.p_value, remainder.p_value)
     if law is not None:
@@ -358,7 +357,8 @@ def _unless_unforeseen(
 ) -> tuple[Judgement | None, float]:
     """Return what is said, and the p-value, where something may act that follows no signal.
 
-    What a twin gets wrong of its simulator looks like that, and is no alarm.
+    What a twin gets wrong of its simulator looks like that, and is no alarm. Where no law was asked for yet,
+    one that leaves little of it goes before.
     """
     problem, refitted, _ = searched
     if found is not None and _may_be_drift(problem, found):
@@ -377,6 +377,11 @@ def _unless_unforeseen(
         if found is None and isinstance(problem.simulator, TwinSimulator):
             return found, p_missing
         p_missing = min(p_missing, seen.p_value)
+        if found is None:
+            law = best_unnamed(problem, refitted, base, structure, settings, searched.hypotheses)
+            one = _is_one_by_itself(law, base, searched, structure, settings)
+            if law is not None and one and leave_little(problem, seen, base, law):
+                return Judgement("unknown", law, ((),), law), p_missing
     elif leave_little(problem, seen, base, told):
         return by_law, p_missing
     else:
@@ -390,6 +395,16 @@ def _unless_unforeseen(
     best = Candidate(beside, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
+
+
+def _is_one_by_itself(
+    law: Candidate | None, base: Candidate, searched: Searched, structure: Structure, settings: Settings
+) -> bool:
+    """Tell whether a law explains what is missing, and paid for all that was tried: no test asked for one."""
+    if law is None:
+        return False
+    alone = max(len(searched.hypotheses), 1), settings.alpha
+    return left_by_law(searched.problem, base, law, structure, settings, *alone).is_little
 
 
 def _judged_as(told: ToldLaw) -> Judgement:
