@@ -1,4 +1,4 @@
-"""Laws without a name: which product, storage, force near one place, memory or reading tells most."""
+"""Laws without a name: which product, storage, force near one place, ripple, memory or reading tells most."""
 
 from itertools import chain
 
@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.search.unnamed.by_rate import placed_by_rate
 from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
 from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.storage import storage_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.switches import SWITCHES
 from narx_sklearn.discrepancy.simulators.structure import Structure
@@ -39,6 +40,7 @@ def best_laws(
         product_hypotheses(simulator, structure, x),
         storage_hypotheses(simulator, structure, x),
         place_hypotheses(simulator, structure, x),
+        ripple_hypotheses(simulator, structure, x),
     )
     tried = [(hypotheses, TRIED) for hypotheses in kinds]
     for effects in (MEMORIES, SWITCHES):

@@ -13,6 +13,7 @@ DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyo
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING = "unnamed_dependence"  # of a parameter
 ONE_PLACE = "unnamed_force_near_one_place"
+RIPPLED = "unnamed_gain_that_ripples"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
 SWITCHED, SWITCHED_GAIN = "unnamed_switch", "unnamed_gain_that_switches"
@@ -133,6 +134,11 @@ WORDS = {
         "a force near one place",
         "Something acts near one value of this signal and hardly elsewhere, as a detent, a magnet or "
         "a rough spot does.",
+    ),
+    RIPPLED: Words(
+        "a gain that ripples with an angle or a position",
+        "What one signal brings in here goes up and down with the other, as the flow of a pump or the "
+        "torque of a motor does within a turn.",
     ),
     DAMPED: Words(
         "a damping that the catalogue does not hold",
