@@ -21,9 +21,7 @@ from narx_sklearn.physics.effects import EffectParameter
 
 TURN = 2 * np.pi
 A_TURN = np.arange(1.0, 17.0)  # waves tried of what turns round: whole, since it repeats
-A_RUN = np.arange(
-    2.0, 17.0
-)  # the same over all that a run visits: one that is not seen to come again is none
+A_RUN = np.arange(2.0, 17.0)  # the same over all that a run visits: what is not seen twice is no ripple
 PHASES = (0.0, TURN / 4)
 
 
