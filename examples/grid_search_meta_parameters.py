@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
     print(f"\nGridSearchCV takes {search.best_params_}")
     print(f"held-out R² of its free run: {search.score(plant.X[test], plant.y[test]):.5f}")
 
-    quick = NARXRegressorCV((2, 3, 4), (1, 2), degree=(1, 3), cv=folds, rule="one_standard_error")
+    quick = NARXRegressorCV((2, 3, 4), (1, 2), degree=(1, 3, 4), cv=folds, rule="one_standard_error")
     quick.fit(plant.X[train], plant.y[train])
     print(
         f"\nNARXRegressorCV takes {quick.best_params_}, "

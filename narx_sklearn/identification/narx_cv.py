@@ -106,7 +106,7 @@ sampling_period
     >>> y = np.zeros(600)
     >>> for k in range(2, 600):
     ...     y[k] = 0.6 * y[k - 1] - 0.2 * y[k - 2] + u[k - 1, 0] ** 2 + 0.01 * rng.normal()
-    >>> search = NARXRegressorCV([1, 2], [1, 2], degree=[1, 2], max_terms=6, rule="one_standard_error")
+    >>> search = NARXRegressorCV([1, 2, 3], [1, 2], degree=[1, 2, 3], max_terms=6, rule="one_standard_error")
     >>> search = search.fit(u, y)
     >>> search.best_estimator_.terms_
     ['y[k-1]', 'y[k-2]', 'u[k-1]^2']

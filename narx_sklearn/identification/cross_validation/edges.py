@@ -6,7 +6,7 @@ from narx_sklearn.identification.cross_validation.judged import Judged
 
 __all__ = ["clear_edges"]
 
-GROWING = ("output_lags", "input_lags", "degree")
+GROWING = ("output_lags", "input_lags", "degree")  # with which a model can do more
 # standard errors of a difference that chance rarely makes, the usual two
 CLEAR = 2.0
 
@@ -35,7 +35,7 @@ def clear_edges(judged: Judged, best: int) -> dict[str, int]:
     {'output_lags': 2}
     """
     found = {}
-    for name in GROWING:
+    for name in (name for name in GROWING if name in judged.choices[best]):
         values = [choice[name] for choice in judged.choices]
         if not all(isinstance(value, int | np.integer) for value in values):
             continue
