@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_machines import vessel
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.search.unnamed.kinds import STORED, STORED_BY_SQUARE
@@ -13,11 +14,6 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 DT = 2.0
 SIZES = st.floats(-10.0, 10.0)
 WIDER = 0.04  # of a tank's cross-section, a cm of level
-
-
-def vessel(x, u, p):
-    """Level of a tank that drains in proportion to it."""
-    return p[0] * u[0] - p[1] * x[0]
 
 
 def spring(x, u, p):

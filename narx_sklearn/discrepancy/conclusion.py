@@ -164,14 +164,14 @@ class Conclusion:
 
     @property
     def guesses(self) -> dict[str, np.ndarray]:
-        """Initial states from which those of held-out runs are fitted, by the same names.
-
-        They are those of the window next to what was held out.
-        """
-        nearest = 0 if self.split.beginnings else -1
+        """Initial states from which those of held-out runs are fitted, by the same names."""
         found = self.diagnosis
         fits = {"nominal": found.nominal, "refitted": found.refitted, "augmented": found.best.fit}
-        return {name: fit.model.x0[nearest] for name, fit in fits.items()}
+        return {name: self.guess_of(fit) for name, fit in fits.items()}
+
+    def guess_of(self, found: Fit) -> np.ndarray:
+        """Return the initial state that a fit has for the window next to what was held out."""
+        return found.model.x0[0 if self.split.beginnings else -1]
 
     @property
     def leads(self) -> dict[str, Lead]:
@@ -339,15 +339,10 @@ def _on_held_out(found: Conclusion, before: tuple[Simulator, Fit] | None = None)
 
     The former is that which was refitted, or another one with its fit that is given.
     """
-    guesses, simulators = (
-        (found.guesses["refitted"], found.guesses["augmented"]),
-        (found.refitted, found.tried),
-    )
-    if before is not None:
-        nearest = 0 if found.split.beginnings else -1
-        guesses, simulators = (before[1].model.x0[nearest], guesses[1]), (before[0], found.tried)
+    simulator, its_fit = before or (found.refitted, found.diagnosis.refitted)
+    guesses = found.guess_of(its_fit), found.guesses["augmented"]
     pieces, lead = found.split.held_out, found.leads["augmented"]
-    return on_held_out(found.diagnosis.problem, *simulators, pieces, guesses, lead)
+    return on_held_out(found.diagnosis.problem, simulator, found.tried, pieces, guesses, lead)
 
 
 def _is_unconfirmed(found: Conclusion, held: HeldOut) -> bool:
