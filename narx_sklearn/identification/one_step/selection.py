@@ -105,6 +105,7 @@ class _Projection:
         self.P = factor.Psi / np.where(self.usable, norms, 1.0)
         self.y = factor.target(output)
         self.n_samples = factor.n_samples
+        self._last: tuple = (None, None)  # what was split last, and its parts: searches ask twice in a row
 
     def gains(self, support: list[int]) -> tuple[float, np.ndarray]:
         """Return the residual's square for ``support`` and what each other column would take off it."""
@@ -154,6 +155,11 @@ class _Projection:
         return tuple(int(j) for j in np.flatnonzero(flat & self.usable))
 
     def _split(self, support: list[int]):
+        if self._last[0] != support:
+            self._last = list(support), self._project(support)
+        return self._last[1]
+
+    def _project(self, support: list[int]):
         if not support:
             return self.P, self.y, np.zeros((self.P.shape[0], 0)), np.zeros((0, 0))
         Q, T = qr(self.P[:, support], mode="economic", check_finite=False)
