@@ -638,6 +638,19 @@ def test_identify_without_lags_chooses_them(monkeypatch, capsys):
     assert "held out free run nrmse" in said.err  # words go beside what a program reads
 
 
+def test_a_lag_at_the_edge_of_what_was_tried_is_told_by_its_option(monkeypatch, capsys):
+    rng = np.random.default_rng(1)
+    u, y = rng.uniform(-1, 1, 300), np.zeros(300)
+    for k in range(5, 300):
+        y[k] = 0.4 * y[k - 1] + u[k - 1] + u[k - 3] + u[k - 5] + 0.01 * rng.normal()
+    feed(monkeypatch, pd.DataFrame({"u": u, "y": y}).to_csv(index=False))
+    assert main(["identify", "-", "--quiet"]) == 0
+    said = capsys.readouterr().err
+    assert re.search(r"The best choice has .*--input-lags=\d, the largest of the grid", said)
+    assert "Pass larger values for" in said
+    assert "input_lags" not in said
+
+
 def test_dead_values_of_a_record_are_told_and_taken_as_missing(monkeypatch, capsys):
     record = first_order(400)
     record.loc[200:209, "y"] = -9999.0

@@ -23,7 +23,13 @@ from narx_sklearn.model import Difference, DifferenceSign, free_run, predict_one
 STAGES = {"identification": 0, "free run": 95, "residual tests": 96}  # per cent of the time, as measured
 FEWEST = 10  # samples from which a model is identified
 RESTING = ("hysteresis", "rate_independent")  # structures of models that stay where they are at rest
-CALLED_HERE = {RootCompensator.__name__: "`compensate --method roots`"}  # with no such option of its own
+CALLED_HERE = {
+    RootCompensator.__name__: "`compensate --method roots`",  # with no such option of its own
+    "output_lags": "--output-lags",
+    "input_lags": "--input-lags",
+    "degree=": "--degree=",
+    "n_terms": "--terms",
+}
 EXACT = 1e-10  # residual over the output's spread, below which there is nothing to test
 
 
