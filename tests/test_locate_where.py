@@ -75,7 +75,9 @@ def test_a_stretch_that_begins_with_a_step_of_the_input_says_so():
     residual[2000:2600] *= 4
     u = np.zeros((4000, 1))
     u[2000:2600] = 1.0
-    assert segments(residual, 0.01, u=u, random_state=0).loc[0, "event"] == "step of input 0"
+    for names, called in ((None, "input 0"), (["drive"], "drive")):
+        found = segments(residual, 0.01, u=u, names=names, random_state=0)
+        assert found.loc[0, "event"] == f"step of {called}"
 
 
 def test_noise_has_no_segments_and_no_regions():

@@ -272,18 +272,17 @@ def test_the_mismatch_of_a_single_state_is_drawn_over_the_input_or_over_time(dri
 
 def test_headings_of_where_say_what_the_numbers_are(case):
     """A region holds a share of what an effect adds; the first of the places is as good as itself."""
-    dx, u, y = case
-    material = gather(dx, u, y)
+    dx, _, _ = case
     event = {"start": 0, "stop": 9, "start_s": 0.0, "stop_s": 0.45, "share": 0.5, "time_share": 0.1}
     location = dx.location_._replace(
-        segments=pd.DataFrame([event | {"p_value": 0.001, "event": "step of input 0"}])
+        segments=pd.DataFrame([event | {"p_value": 0.001, "event": "step of drive"}])
     )
-    headings = {table.caption: table.header for table in _location_tables(location, material)}
+    headings = {table.caption: table.header for table in _location_tables(location)}
     assert "share of what it adds" in headings["Regions of operation in which what was found acts most"]
     assert "p that it is as good as the first" in headings["Where in the equations it enters, best first"]
     assert "at its beginning" in headings["Stretches of time with more error than the rest"]
     unknown = location._replace(regions=location.regions.assign(effect=""))
-    first = _location_tables(unknown, material)[0]
+    first = _location_tables(unknown)[0]
     assert "share of the signal" in first.header
     assert "the unknown signal at the likeliest place" in first.caption
 

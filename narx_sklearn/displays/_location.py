@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from narx_sklearn._validation import as_signals
+from narx_sklearn._validation import as_signals, signal_names
 from narx_sklearn.discrepancy.locate import segments as find_segments
 from narx_sklearn.displays._style import (
     BLUE,
@@ -147,7 +147,10 @@ class LocationDisplay:
                 "columns); both must be one column, of equal length."
             )
         u = None if X is None else as_signals(X, "X")
-        table = find_segments(recorded - simulated, sampling_period, u=u, random_state=random_state)
+        names = signal_names(X.columns, "u") if hasattr(X, "columns") else None
+        table = find_segments(
+            recorded - simulated, sampling_period, u=u, names=names, random_state=random_state
+        )
         display = cls(recorded[:, 0], simulated[:, 0], table, sampling_period=sampling_period, label=label)
         return display.plot(ax=ax)
 

@@ -252,7 +252,7 @@ def _where(dx, material: Material, outputs) -> dict:
         figures.append(_course_figure(dx, material))
     unit = material.simulator.outputs[column].unit
     difference = difference_table(t[:last], residual[:last], unit)
-    return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_, material)}
+    return {"figures": figures, "difference": difference, "tables": _location_tables(dx.location_)}
 
 
 def _relative_error(material: Material) -> np.ndarray:
@@ -298,7 +298,7 @@ def _course_figure(dx, material: Material) -> dict:
     return _figure(course_figure(time, force, deviation, label, caption), caption)
 
 
-def _location_tables(location, material: Material) -> list[TableText]:
+def _location_tables(location) -> list[TableText]:
     is_named = location.regions["effect"].ne("").any()
     where = "Regions of operation in which what was found acts most"
     if not is_named:
@@ -338,12 +338,10 @@ def _location_tables(location, material: Material) -> list[TableText]:
         "p_value": "p",
     }
     kept = location.bands[location.bands["kept"]]
-    events = [_by_name(event, material.simulator.inputs) for event in location.segments["event"]]
-    stretches = location.segments.assign(event=events)
     tables = [
         to_table(location.regions, where, regions),
         to_table(location.ports, "Where in the equations it enters, best first", ports),
-        to_table(stretches, "Stretches of time with more error than the rest", segments),
+        to_table(location.segments, "Stretches of time with more error than the rest", segments),
         to_table(kept, "Frequencies above the noise", bands),
         to_table(_invariances(location), *_like_what(location)),
     ]
@@ -366,21 +364,6 @@ def _like_what(location) -> tuple[str, dict[str, str]]:
         "low": "from",
         "high": "to",
     }
-
-
-def _by_name(event: str, inputs) -> str:
-    """Return an event such as "step of input 0" with the input's name for its number.
-
-    Examples
-    --------
-    >>> from narx_sklearn.discrepancy.simulators.simulator import Signal
-    >>> from narx_sklearn.report._render import _by_name
-    >>> inputs = [Signal("drive", "V")]
-    >>> [_by_name(event, inputs) for event in ("step of input 0", "begin of record")]
-    ['step of drive', 'begin of record']
-    """
-    kind, _, i = event.rpartition(" of input ")
-    return f"{kind} of {inputs[int(i)].name}" if kind else event
 
 
 def _what(dx, material: Material) -> list[dict]:

@@ -18,7 +18,7 @@ PENALTY = 3.0  # times log J for each change of level
 QUIET = 0.2  # share of the time that the quietest stretches, the yardstick of all, take together
 
 
-def segments(residual: np.ndarray, dt: float, *, u=None, random_state=None) -> pd.DataFrame:
+def segments(residual: np.ndarray, dt: float, *, u=None, names=None, random_state=None) -> pd.DataFrame:
     r"""Find the stretches of time in which the mismatch is.
 
     The residual is made white by the noise of its quieter half, and change points of its log energy
@@ -38,6 +38,8 @@ def segments(residual: np.ndarray, dt: float, *, u=None, random_state=None) -> p
     u : ndarray of shape (n_samples, n_inputs), optional
         Inputs; their event nearest to the beginning of each stretch, at most a block away on either side (a
         beginning is known no better), is then named.
+    names : sequence of str, optional
+        Names of the inputs.
     random_state : int or None, default=None
         Seed of the shuffles.
 
@@ -101,7 +103,8 @@ def segments(residual: np.ndarray, dt: float, *, u=None, random_state=None) -> p
         table = table[table["p_value"] <= LEVEL].reset_index(drop=True)
     if u is not None and len(table):
         width = int(np.diff(edges).max())
-        table["event"] = [_event_near(u, start, width) for start in table["start"]]
+        called = [f"input {i}" for i in range(u.shape[1])] if names is None else names
+        table["event"] = [_event_near(u, called, start, width) for start in table["start"]]
     return table
 
 
@@ -176,15 +179,15 @@ def _loud(level: np.ndarray, bounds: list[int]) -> list[tuple[int, int]]:
     return joined
 
 
-def _event_near(u: np.ndarray, start: int, width: int) -> str:
+def _event_near(u: np.ndarray, names, start: int, width: int) -> str:
     """Return the kind of input event nearest to a sample, at most one block away."""
     nearest = (width + 1, "")
     if start <= width:
         nearest = (start, "begin of record")
-    for i in range(u.shape[1]):
-        for kind, samples in input_events(u[:, i]).items():
+    for name, column in zip(names, u.T, strict=True):
+        for kind, samples in input_events(column).items():
             if samples.size:
                 away = int(np.min(np.abs(samples - start)))
                 if away < nearest[0]:
-                    nearest = (away, f"{kind} of input {i}")
+                    nearest = (away, f"{kind} of {name}")
     return nearest[1]

@@ -25,7 +25,8 @@ def find_stretches(problem: Problem, refitted: Fit, random_state=None, n_jobs=No
     dt, windows = problem.simulator.dt, problem.windows
     start = int(windows.first[0])
     inside = slice(start, int(windows.last[-1]))
-    table = segments(residual[inside], dt, u=problem.u[inside], random_state=random_state)
+    names = [signal.name for signal in problem.simulator.inputs]
+    table = segments(residual[inside], dt, u=problem.u[inside], names=names, random_state=random_state)
     table[["start", "stop"]] += start
     table[["start_s", "stop_s"]] += start * dt
     return Stretches(table, p, residual)
