@@ -325,13 +325,27 @@ class TestNoise:
                 e = np.zeros(300)
                 for k in range(1, 300):
                     e[k] = row[k] - a * row[k - 1] + b * e[k - 1]
-                before = b ** np.arange(1.0, 300.0)  # of the unknown innovation of the first sample
-                squares += np.sum((e[1:] - before * (before @ e[1:]) / (before @ before)) ** 2)
+                before = b ** np.arange(1.0, 300.0)  # of the first innovation, unknown within ten
+                squares += e[1:] @ np.linalg.solve(np.eye(299) + 100.0 * np.outer(before, before), e[1:])
             return squares / (2 * 299)
 
         assert noise.sigma[0] ** 2 == pytest.approx(left(a, b), rel=1e-6)
         grid = [(a, b) for a in np.linspace(0.9, 1.0, 6) for b in np.linspace(0.02, 0.98, 9) if b <= a]
         assert noise.sigma[0] ** 2 <= min(left(*pair) for pair in grid) * (1 + 1e-6)
+
+    def test_noise_of_one_pole_in_many_windows_is_no_drift(self):
+        rng = np.random.default_rng(2)
+        records = lfilter([1.0], [1.0, -0.9], rng.normal(size=(20, 3200)), axis=1).reshape(20, 20, 160, 1)
+        found = [estimate_noise(r, np.ones(r.shape, dtype=bool)) for r in records]
+        assert sum(noise.drifts(0) for noise in found) <= 3
+        assert np.median([noise.coefficients[0][0] for noise in found]) == pytest.approx(0.9, abs=0.02)
+
+    def test_noise_that_hardly_drifts_takes_no_sample_of_a_window_for_whatever_it_is(self):
+        noise = Noise((np.array([0.9]),), np.array([1.0]), (1e-3,))
+        leap = np.zeros((1, 50, 1))
+        leap[0, 1:, 0] = 50.0 * 0.9 ** np.arange(49)  # as the noise itself would die away
+        assert noise.innovations(leap)[0, 1, 0] == pytest.approx(50.0, rel=0.01)
+        assert np.abs(noise.innovations(leap)[0, 2:]).max() < 0.1
 
     def test_an_output_known_at_every_second_sample_has_white_noise(self):
         # no sample has the one before it: under an autoregression none would count

@@ -1,12 +1,16 @@
 """What a correction does to held-out samples, and how errors there are counted."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 from small_machines import levels, make_axis, make_oscillator, recorded_oscillator
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, conclusion
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.verify import (
@@ -19,6 +23,7 @@ from narx_sklearn.discrepancy.verify import (
     scored_stretches,
     squared_errors,
 )
+from narx_sklearn.physics.effects import CATALOGUE
 
 N = 800
 
@@ -192,6 +197,18 @@ class TestScoredStretches:
         (short,) = scored_stretches([(slice(0, 40), 0), (slice(50, 70), 50)], y, 24, np.inf, 2)
         assert (short.rows, short.n_init) == (slice(0, 40), 12)
         assert scored_stretches([(slice(0, 24), 0)], y, 24, np.inf, 2) == []
+
+
+def test_what_happened_once_makes_no_other_run_worse():
+    """It does not act there, and parameters fitted beside it differ by what is not known of them."""
+    scores = pd.DataFrame({"removed_high": [-0.1]}, index=["augmented"])
+
+    def is_worse(code, *theta):
+        tried = SimpleNamespace(effects=[PlacedEffect(CATALOGUE[code], Port("output", 0), theta=theta)])
+        return conclusion.Conclusion.is_worse.fget(SimpleNamespace(scores=scores, tried=tried))
+
+    assert is_worse("sensor_bias", 1.0)
+    assert not is_worse("stuck_sensor", 80.0, 6.0, 0.0)
 
 
 class TestWhatHarmsWholeRunsAlone:

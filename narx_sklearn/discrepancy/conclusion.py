@@ -89,8 +89,14 @@ class Conclusion:
 
     @property
     def is_worse(self) -> bool:
-        """Whether what was tried is surely worse than a refit in whole runs, where small errors add up."""
-        return not self.scores.empty and bool(self.scores["removed_high"]["augmented"] < 0)
+        """Whether what was tried is surely worse than a refit in whole runs, where small errors add up.
+
+        What happened once does not act there; parameters that were fitted beside it differ by what is not
+        known of them.
+        """
+        if self.scores.empty or not that_recur(self.tried.effects):
+            return False
+        return bool(self.scores["removed_high"]["augmented"] < 0)
 
     @property
     def is_better(self) -> bool:

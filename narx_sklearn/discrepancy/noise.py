@@ -14,6 +14,7 @@ SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samp
 FORGOTTEN = 1e-6  # of its level a drift loses at least, twice a sample: else a window might begin anywhere
 GRID = 13  # values of it that are tried, evenly in the logarithm of its pace
 FINE = 1e-3  # to which that logarithm is then found
+BEFORE = 10.0  # deviations that an innovation before a window may have: hardly ever more
 
 
 class Noise(NamedTuple):
@@ -115,10 +116,11 @@ class Noise(NamedTuple):
             )
             if self.average and self.average[output]:
                 b = self.average[output]
+                first = out[:, : a.size, output].copy()  # goes by its covariance alone
+                out[:, : a.size, output] = 0.0
                 filtered = lfilter([1.0], [1.0, -b], out[:, :, output], axis=1)
                 inside = np.ones_like(filtered, dtype=bool) if counts is None else counts[:, :, output].copy()
                 inside[:, : a.size] = False
-                first = out[:, : a.size, output].copy()
                 out[:, :, output] = _whatever_the_start(filtered, b, inside)
                 out[:, : a.size, output] = first
         return out
@@ -233,15 +235,14 @@ def _root_of_covariance(a: tuple[float, ...]) -> np.ndarray | None:
 
 
 def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarray:
-    """Project out what the unknown innovation before each window leaves behind, b to the power of k.
+    """Take off what the unknown innovation before each window leaves behind, b to the power of k.
 
-    Taken for zero it would count the first sample of a window for the level itself.
+    Taken for zero it would count the first sample of a window for the level itself; of any size it would take
+    that sample, beside noise that hardly drifts, for whatever it is.
     """
     trace = np.where(counts, b ** np.arange(1, e.shape[1] + 1), 0.0)
-    length = np.einsum("wt,wt->w", trace, trace)
     e = np.where(counts, e, 0.0)
-    share = np.einsum("wt,wt->w", trace, e) / np.where(length > 0, length, 1.0)
-    return e - share[:, None] * trace
+    return _from_a_level(e[:, :, None], trace, np.full(len(e), BEFORE**2))[0][:, :, 0]
 
 
 def estimate_noise(
