@@ -203,12 +203,15 @@ def test_what_happened_once_makes_no_other_run_worse():
     """It does not act there, and parameters fitted beside it differ by what is not known of them."""
     scores = pd.DataFrame({"removed_high": [-0.1]}, index=["augmented"])
 
-    def is_worse(code, *theta):
-        tried = SimpleNamespace(effects=[PlacedEffect(CATALOGUE[code], Port("output", 0), theta=theta)])
+    def is_worse(**thetas):
+        effects = [PlacedEffect(CATALOGUE[code], Port("output", 0), theta=t) for code, t in thetas.items()]
+        tried = SimpleNamespace(effects=effects)
         return conclusion.Conclusion.is_worse.fget(SimpleNamespace(scores=scores, tried=tried))
 
-    assert is_worse("sensor_bias", 1.0)
-    assert not is_worse("stuck_sensor", 80.0, 6.0, 0.0)
+    assert is_worse(sensor_bias=(1.0,))
+    assert not is_worse(stuck_sensor=(80.0, 6.0, 0.0))
+    assert is_worse(stuck_sensor=(80.0, 6.0, 0.0), sensor_bias=(1.0,))
+    assert is_worse()  # parameters beside what follows no signal
 
 
 class TestWhatHarmsWholeRunsAlone:

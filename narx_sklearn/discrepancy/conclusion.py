@@ -94,7 +94,8 @@ class Conclusion:
         What happened once does not act there; parameters that were fitted beside it differ by what is not
         known of them.
         """
-        if self.scores.empty or not that_recur(self.tried.effects):
+        happened_once = self.tried.effects and not that_recur(self.tried.effects)
+        if self.scores.empty or happened_once:
             return False
         return bool(self.scores["removed_high"]["augmented"] < 0)
 
