@@ -1,5 +1,7 @@
 """Could it all be noise: what is confirmed, drifts, and what is slow or comes late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -64,12 +66,13 @@ class TestChanceOfNoise:
         PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 1), (1.0, 0.0), theta=(0.1,)),
     )
 
-    def asked(self, monkeypatch, deviances, alpha=0.01, effects=THREE):
+    def asked(self, monkeypatch, deviances, alpha=0.01, effects=THREE, adds_up=()):
         """Return the p-value and the codes that stay, of some effects in order of the criterion.
 
         Deviances are by code, or by code and whether the noise may drift.
         """
         problem, start = axis_problem([friction(0.3)], n=300)
+        problem = replace(problem, adds_up=adds_up)
         base = Candidate(fit(problem, start), problem.n_seen)
         found = []
         for rank, effect in enumerate(effects):
@@ -144,6 +147,15 @@ class TestChanceOfNoise:
         assert noises_against(drift) == (False,)
         assert noises_against(drift, as_offset=True) == (False, True)
         assert noises_against(friction(0.1), as_offset=True) == (True,)
+
+    def test_a_drift_of_what_an_integrator_adds_up_is_held_against_drifting_noise_too(self, monkeypatch):
+        drift = PlacedEffect(CATALOGUE["additive_drift"], Port("output", 0), theta=(1.0, 0.0, 0.0, 0.0))
+        gained = {("additive_drift", False): -120.0, ("additive_drift", True): -12.0}
+        given = gained | {e.effect.code: 10.0 for e in self.THREE}
+        p, _ = self.asked(monkeypatch, given, effects=[drift, *self.THREE], adds_up=(True,))
+        assert p == pytest.approx(2 * chi2.sf(12.0, 1), rel=1e-9)
+        p, _ = self.asked(monkeypatch, given, effects=[drift, *self.THREE], adds_up=(False,))
+        assert p < 1e-20
 
     @pytest.mark.parametrize(("gained", "stays"), [(9.0, True), (1.0, False)])
     def test_where_only_a_drift_stands_what_is_hardly_noise_stays_beside_it(self, gained, stays, monkeypatch):

@@ -87,6 +87,18 @@ class TestWindows:
         drifting = ODESimulator(cart, parameters={"gain": 1.0, "damping": 0.5}, **ABOUT)
         assert not find_pace(drifting, x, u).forgets
 
+    def test_what_an_integrator_adds_up_is_seen_in_its_position_alone(self):
+        x, u = np.array([[1e-6, 20.0], [2e-6, -30.0]]), np.zeros((2, 1))
+        assert find_pace(make_stage(), x, u).adds_up == (False,)
+        drifting = ODESimulator(
+            cart,
+            parameters={"gain": 1.0, "damping": 0.5},
+            output=lambda x, u, p: (x[1], x[0], x[0] + 2 * x[1]),
+            outputs=["speed", "position", "both"],
+            **ABOUT,
+        )
+        assert find_pace(drifting, x, u).adds_up == (False, True, True)
+
     def test_what_forgets_gets_long_windows_and_what_drifts_gets_many(self):
         simulator = make_stage()
         from narx_sklearn.discrepancy.simulators.windows import Pace

@@ -63,6 +63,7 @@ class Problem:
     windows: Windows
     noise: Noise
     rates: tuple[tuple[int, int, float], ...] = ()  # velocity, position, and the factor of its integral
+    adds_up: tuple[bool, ...] = ()  # whether an integrator adds up what each output shows; none where empty
     rows: np.ndarray = field(init=False)  # (W, L) sample of each place, 0 where padded
     inside: np.ndarray = field(init=False)  # (W, L)
     seen: np.ndarray = field(init=False)  # (W, L, n_outputs)

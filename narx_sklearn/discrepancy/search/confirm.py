@@ -65,7 +65,8 @@ def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool,
 
     Noise that drifts is as good as a drift of an output, which is held against noise that does not. An offset
     is held against both: a sensor is off from the first sample on, where a drift has yet to come. So is what
-    is no better than one (``as_offset``).
+    is no better than one (``as_offset``), and a drift of what an integrator adds up: there noise that drifts
+    is no sensor's, but what all small errors come to.
     """
     if not is_of_a_sensor(effect):
         return (True,)
@@ -193,8 +194,11 @@ def chances(trial: Trial, some: list[Candidate], offsets: Set[Port] = frozenset(
     is gained by chance where noise drifts.
     """
     problem, base = trial.problem, trial.base
+    added_up = {Port("output", o) for o, adds_up in enumerate(problem.adds_up) if adds_up}
+    no_drifts = offsets | added_up
     noises = [
-        sorted({kind for e in trial.added(c) for kind in noises_against(e, e.port in offsets)}) for c in some
+        sorted({kind for e in trial.added(c) for kind in noises_against(e, e.port in no_drifts)})
+        for c in some
     ]
     against = sorted({kind for kinds in noises for kind in kinds})
     asked = [(base, kind) for kind in against]

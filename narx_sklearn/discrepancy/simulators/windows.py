@@ -13,6 +13,7 @@ FEWEST_VALUES = 20  # measured inside windows, without which nothing is located
 MOST = 60  # more windows cost information on slow dynamics and bring little
 LONGEST = 50_000  # samples looked at; windows spread over a longer record stand for it
 TIME_CONSTANTS = 20.0  # a free initial state explains away about the first two of them
+SHOWN = 1e-6  # of an output's size that an integrated state is of it, where it is seen there
 GROWTHS = 4.0  # e-foldings of an unstable mode in a window: what a state begins with wrong grows fiftyfold
 
 
@@ -22,23 +23,27 @@ class Pace(NamedTuple):
     time_constant: float  # s, the longest of its decaying modes; 0 when there is none
     forgets: bool  # whether all modes decay: no integrator, nothing unstable
     growth: float = 0.0  # 1/s, of its fastest growing mode; 0 when there is none
+    adds_up: tuple[bool, ...] = ()  # whether each output shows what an integrator has added up
 
 
 def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
     """Return the pace of the linearised simulator round the states visited."""
     constants, growths, lasting = [], [], 0
+    size = np.max(np.abs(x), axis=0, initial=0.0, where=np.isfinite(x))
+    shown: list[np.ndarray] = []
     for k in np.linspace(0, x.shape[0] - 1, 5).astype(int):
         if not np.all(np.isfinite(x[k])):
             continue
         jacobian = state_jacobian(simulator, x[k], u[k])
         if not np.all(np.isfinite(jacobian)):
             continue
-        eigenvalues = np.linalg.eigvals(jacobian)
+        eigenvalues, modes = np.linalg.eig(jacobian)
         if simulator.discrete:
             with np.errstate(divide="ignore"):
-                rates = np.log(np.abs(eigenvalues)) / simulator.dt
+                paces = np.log(eigenvalues.astype(complex)) / simulator.dt
         else:
-            rates = eigenvalues.real
+            paces = eigenvalues
+        rates = paces.real
         fastest = np.max(np.abs(eigenvalues)) if not simulator.discrete else 1 / simulator.dt
         slow = 1e-6 * max(fastest, 1e-300)
         decaying = rates[rates < -slow]
@@ -46,11 +51,23 @@ def find_pace(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Pace:
         if decaying.size:
             constants.append(1.0 / np.min(-decaying))
         growths.append(np.max(rates[rates > slow], initial=0.0))
+        shown.append(_shows(simulator, x[k], u[k], modes[:, np.abs(paces) <= slow], size))
     return Pace(
         float(np.median(constants)) if constants else 0.0,
         2 * lasting < max(len(constants), 1),
         float(np.median(growths)) if growths else 0.0,
+        tuple((2 * np.sum(shown, axis=0) > len(shown)).tolist()) if shown else (),
     )
+
+
+def _shows(
+    simulator: Simulator, x: np.ndarray, u: np.ndarray, modes: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """Tell which outputs show any of some modes (n_states, n_modes), of states of some size, (n_outputs,)."""
+    size = np.maximum(size, 1e-3)
+    C = np.nan_to_num(central_differences(lambda v: evaluate(simulator, v, u)[1], x, 1e-5 * size))
+    of_modes = np.abs(C @ (modes / np.max(np.abs(modes) / size[:, None], axis=0, initial=1e-300)))
+    return np.any(of_modes > SHOWN * (np.abs(C) @ size)[:, None], axis=1)
 
 
 def resonances(simulator: Simulator, x: np.ndarray, u: np.ndarray, below: float) -> np.ndarray:

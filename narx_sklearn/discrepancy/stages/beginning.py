@@ -84,7 +84,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
             "Pass a longer record."
         )
-    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), structure.rates)
+    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), structure.rates, pace.adds_up)
     settings.tell("fit of the simulator's own parameters")
     refitted = fit_where_followed(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
     begun = _Fitted(problem, refitted, length)
