@@ -60,15 +60,15 @@ def n_shapes(effect: PlacedEffect, problem: Problem) -> float:
     return problem.n_seen ** (0.5 * (n_fitted - 1))
 
 
-def noises_against(effect: PlacedEffect, as_offset: bool = False) -> tuple[bool, ...]:
+def noises_against(effect: PlacedEffect, as_offset: bool = False, adds_up: bool = False) -> tuple[bool, ...]:
     """Return whether noise may drift, of each kind of noise to which an effect must be preferred.
 
     Noise that drifts is as good as a drift of an output, which is held against noise that does not. An offset
     is held against both: a sensor is off from the first sample on, where a drift has yet to come. So is what
-    is no better than one (``as_offset``), and a drift of what an integrator adds up: there noise that drifts
-    is no sensor's, but what all small errors come to.
+    is no better than one (``as_offset``). Of what an integrator ``adds_up``, noise that drifts is what all
+    small errors come to, not the sensor's: there a drift of the sensor is an effect as any other.
     """
-    if not is_of_a_sensor(effect):
+    if adds_up or not is_of_a_sensor(effect):
         return (True,)
     return (False, True) if as_offset or effect.effect.code == OFFSET else (False,)
 
@@ -195,9 +195,8 @@ def chances(trial: Trial, some: list[Candidate], offsets: Set[Port] = frozenset(
     """
     problem, base = trial.problem, trial.base
     added_up = {Port("output", o) for o, adds_up in enumerate(problem.adds_up) if adds_up}
-    no_drifts = offsets | added_up
     noises = [
-        sorted({kind for e in trial.added(c) for kind in noises_against(e, e.port in no_drifts)})
+        sorted({k for e in trial.added(c) for k in noises_against(e, e.port in offsets, e.port in added_up)})
         for c in some
     ]
     against = sorted({kind for kinds in noises for kind in kinds})

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
-from narx_sklearn.discrepancy.search.confirm import OFFSET, is_drift
+from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
 from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
@@ -239,6 +239,10 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     if searched.steps:
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched
+    if found is None and steps and (noise := clearer_noise(problem, refitted)) is not None:
+        # not to be told from noise, but slow: as what an integrator adds up
+        problem = problem.with_noise(noise)
+        refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     nominal = fit_initial_states(problem, refitted.model.x0)
     is_exact = leaves_rounding(problem, nominal.residual)
     p_moved = 1.0 if is_exact else parameters_moved(problem, nominal, refitted, settings.random_state)
