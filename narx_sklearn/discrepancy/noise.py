@@ -14,7 +14,6 @@ SLOWEST = 0.999  # largest moving-average coefficient: memory of a thousand samp
 FORGOTTEN = 1e-6  # of its level a drift loses at least, twice a sample: else a window might begin anywhere
 GRID = 13  # values of it that are tried, evenly in the logarithm of its pace
 FINE = 1e-3  # to which that logarithm is then found
-BEFORE = 10.0  # deviations that an innovation before a window may have: hardly ever more
 
 
 class Noise(NamedTuple):
@@ -78,9 +77,7 @@ class Noise(NamedTuple):
         a, b = self.colour(output)
         if not a.size:
             return None
-        if not b:
-            return _root_of_covariance(tuple(a.tolist()))
-        return np.sqrt([[1.0 + (a[0] - b) ** 2 / max(1.0 - a[0] ** 2, FORGOTTEN)]])
+        return np.sqrt([[_variance(a[0], b)]]) if b else _root_of_covariance(tuple(a.tolist()))
 
     def deviation(self, output: int) -> float:
         """Return the standard deviation of an output's noise, infinite where it drifts."""
@@ -114,15 +111,12 @@ class Noise(NamedTuple):
             _autoregressed(
                 windowed, output, a, self.sigma[output], np.empty((0, 0)) if root is None else root, out
             )
-            if self.average and self.average[output]:
-                b = self.average[output]
-                first = out[:, : a.size, output].copy()  # goes by its covariance alone
-                out[:, : a.size, output] = 0.0
-                filtered = lfilter([1.0], [1.0, -b], out[:, :, output], axis=1)
-                inside = np.ones_like(filtered, dtype=bool) if counts is None else counts[:, :, output].copy()
-                inside[:, : a.size] = False
-                out[:, :, output] = _whatever_the_start(filtered, b, inside)
-                out[:, : a.size, output] = first
+            _, b = self.colour(output)
+            if b:
+                inside = np.ones(out.shape[:2], dtype=bool) if counts is None else counts[:, :, output]
+                left = out[:, :, output].copy()
+                left[:, 0] = windowed[:, 0, output] / self.sigma[output]
+                out[:, 1:, output] = _averaged(left, inside, a[0], b)[0][:, 1:]
         return out
 
     def innovations_from_zero(
@@ -234,15 +228,33 @@ def _root_of_covariance(a: tuple[float, ...]) -> np.ndarray | None:
         return None
 
 
-def _whatever_the_start(e: np.ndarray, b: float, counts: np.ndarray) -> np.ndarray:
-    """Take off what the unknown innovation before each window leaves behind, b to the power of k.
+def _variance(a: float, b: float) -> float:
+    """Return the variance of noise with a moving average, over that of its innovations."""
+    return 1.0 + (a - b) ** 2 / max(1.0 - a * a, FORGOTTEN)
 
-    Taken for zero it would count the first sample of a window for the level itself; of any size it would take
-    that sample, beside noise that hardly drifts, for whatever it is.
+
+def _averaged(left: np.ndarray, counts: np.ndarray, a: float, b: float) -> tuple[np.ndarray, float]:
+    """Return the innovations in windows beside a moving average, whitened, and their log determinant.
+
+    Of the innovation at the first sample that sample tells the mean and the variance, and what it leaves
+    behind, b to the power of k, goes by them. The first samples themselves do not count.
+
+    Parameters
+    ----------
+    left : ndarray of shape (n_windows, n_samples)
+        What the autoregression leaves; of the first sample, which has none before it, the sample itself.
+    counts : ndarray of bool, same shape
+        Where an innovation counts: those of samples that are seen, as is the one before.
     """
-    trace = np.where(counts, b ** np.arange(1, e.shape[1] + 1), 0.0)
-    e = np.where(counts, e, 0.0)
-    return _from_a_level(e[:, :, None], trace, np.full(len(e), BEFORE**2))[0][:, :, 0]
+    level = _variance(a, b)
+    counts = counts.copy()
+    counts[:, 0] = False
+    inputs = np.where(counts, left, 0.0)
+    inputs[:, 0] = left[:, 0] / level
+    e = np.where(counts, lfilter([1.0], [1.0, -b], inputs, axis=1), 0.0)
+    trace = np.where(counts, b ** np.arange(left.shape[1]), 0.0)
+    e, log_determinant = _from_a_level(e[:, :, None], trace, np.full(len(e), 1.0 - 1.0 / level))
+    return e[:, :, 0], log_determinant
 
 
 def estimate_noise(
@@ -281,65 +293,90 @@ def _best(residual, seen, may_drift: bool, price: float | None):
 
 
 def _autoregression(r: np.ndarray, known: np.ndarray, price: float):
-    """Return (criterion, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations."""
+    """Return (criterion, a, b = 0, variance) of the best autoregression, by the Yule-Walker equations.
+
+    All orders, none too, are compared by the likelihood given the first sample of each window.
+    """
     n = int(known.sum())
     lags = range(min(LONGEST, r.shape[1] - 1) + 1)
     c = np.array([np.sum(r[:, lag:] * r[:, : r.shape[1] - lag]) for lag in lags])
     counts = np.array([np.sum(known[:, lag:] & known[:, : r.shape[1] - lag]) for lag in lags])
     c = c / np.maximum(counts, 1) * (1 - np.arange(c.size) / max(n, 2))
-    best = (n * np.log(max(c[0], 1e-300)), np.zeros(0), 0.0, c[0])
+    later = known[:, 1:]
+    white = float(np.sum(r[:, 1:][later] ** 2) / later.sum()) if later.any() else float(c[0])
+    n_compared = int(later.sum())
+    best = (n_compared * np.log(max(white, 1e-300)), np.zeros(0), 0.0, c[0])
     for order in range(1, c.size):
         try:
             a = solve_toeplitz(c[:order], c[1 : order + 1])
         except LinAlgError:
             break
-        variance = _left_by(a, r, known)
+        root = _root_of_covariance(tuple(a.tolist()))
+        if root is None:
+            break
+        variance, log_determinant = _left_by(a, root, r, known)
         if not variance > 1e-12 * c[0]:
             break
-        criterion = n * np.log(variance) + order * price
+        criterion = n_compared * np.log(variance) + log_determinant + order * price
         if criterion < best[0]:
             best = (criterion, a, 0.0, variance)
     return best
 
 
-def _left_by(a: np.ndarray, r: np.ndarray, known: np.ndarray) -> float:
-    """Return the mean square of the innovations that an autoregression leaves."""
-    e, counts = r[:, a.size :].copy(), known[:, a.size :].copy()
-    for lag, coefficient in enumerate(a, start=1):
-        e -= coefficient * r[:, a.size - lag : r.shape[1] - lag]
-        counts &= known[:, a.size - lag : r.shape[1] - lag]
-    return float(np.sum(e[counts] ** 2) / max(counts.sum(), 1))
+def _left_by(a: np.ndarray, root: np.ndarray, r: np.ndarray, known: np.ndarray) -> tuple[float, float]:
+    """Return the mean square of the innovations that an autoregression leaves, and their log determinant.
+
+    The first sample of each window does not count, nor does what has none before it that is seen.
+    """
+    e = np.empty((*r.shape, 1))
+    _autoregressed(r[:, :, None], 0, a, 1.0, root, e)
+    counts = known.copy()
+    for lag in range(1, a.size + 1):
+        counts[:, lag:] &= known[:, :-lag]
+    whole = known[:, : a.size].all(axis=1)
+    counts[~whole, : a.size] = False
+    counts[:, 0] = False
+    if not counts[:, a.size :].any():
+        return 0.0, 0.0
+    log_determinant = 2.0 * whole.sum() * float(np.log(np.diag(root)[1:]).sum())
+    return float(np.sum(e[:, :, 0][counts] ** 2) / counts.sum()), log_determinant
 
 
 def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
     """Return (criterion, (a,), b, variance) of e_k = r_k - a r_{k-1} + b e_{k-1}.
 
-    Fitted by conditional least squares, a in closed form for each b (variable projection, Golub and Pereyra
-    1973). b is at most a: a drift adds slow noise. What lacks slow power has been fitted, and is no noise.
+    Fitted by the likelihood given the first sample of each window, a by least squares for each b (variable
+    projection, Golub and Pereyra 1973). b is at most a: a drift adds slow noise. What lacks slow power has
+    been fitted, and is no noise.
     """
-    pairs = known[:, 1:] & known[:, :-1]  # an innovation needs the sample before
-    n = int(pairs.sum())
+    counts = known.copy()
+    counts[:, 0] = False
+    counts[:, 1:] &= known[:, :-1]  # an innovation needs the sample before
+    n = int(counts.sum())
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
+    before = np.roll(r, 1, axis=1)
+    before[:, 0] = 0.0
+    late = np.where(counts, r, 0.0)
 
-    def given(b: float) -> tuple[float, float]:
-        """Return the best a, and the sum of squares of the innovations."""
-        early, late = (lfilter([1.0], [1.0, -b], part, axis=1) for part in (r[:, :-1], r[:, 1:]))
-        early, late = (_whatever_the_start(part, b, pairs) for part in (early, late))
+    def given(b: float) -> tuple[float, float, float]:
+        """Return the deviance, and the a and the mean square of the innovations that go with it."""
+        early, there = (_averaged(part, counts, 1.0, b)[0] for part in (before, late))
         power = float(np.sum(early**2))
-        a = float(np.clip(np.sum(late * early) / power, b, 1.0)) if power > 0 else 1.0
-        return a, float(np.sum((late - a * early) ** 2))
+        a = float(np.clip(np.sum(there * early) / power, b, 1.0)) if power > 0 else 1.0
+        left = r - a * before
+        e, log_determinant = _averaged(left, counts, a, b)
+        variance = max(float(np.sum(e**2)) / n, 1e-300)
+        # counted over all samples but the first, as for the autoregression
+        return int(known[:, 1:].sum()) * np.log(variance) + log_determinant, a, variance
 
-    def cost(log_pace: float) -> float:
-        return given(1.0 - np.exp(log_pace))[1]
+    def deviance(log_pace: float) -> float:
+        return given(1.0 - np.exp(log_pace))[0]
 
     grid = np.linspace(np.log(1.0 - SLOWEST), 0.0, GRID)
-    at = int(np.argmin([cost(log_pace) for log_pace in grid]))
+    at = int(np.argmin([deviance(log_pace) for log_pace in grid]))
     around = grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]
-    found = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": FINE})
-    b = float(1.0 - np.exp(min(found.x, grid[at], key=cost)))
-    a, squares = given(b)
-    variance = squares / n
-    # counted over all samples, as for the autoregression
-    criterion = int(known.sum()) * np.log(max(variance, 1e-300)) + 2 * price
-    return criterion, np.array([a]), b, variance
+    found = minimize_scalar(deviance, bounds=around, method="bounded", options={"xatol": FINE})
+    b = float(1.0 - np.exp(min(found.x, grid[at], key=deviance)))
+    least, a, variance = given(b)
+    return least + 2 * price, np.array([a]), b, variance
