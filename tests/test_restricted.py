@@ -101,13 +101,13 @@ def test_windows_that_do_not_follow_begin_anew():
 
 @pytest.mark.parametrize("b", [0.0, 0.001, 0.3])
 def test_the_first_sample_of_coloured_noise_counts(b):
-    """A transient with the noise's own pole leaves one innovation only: that of the first sample."""
+    """The course that noise is expected to take from its first sample leaves the innovation of that alone."""
     pole = 0.9
-    lasting = np.sqrt(1.0 + (pole - b) ** 2 / (1.0 - pole**2))
+    variance = 1.0 + (pole - b) ** 2 / (1.0 - pole**2)
     noise = Noise((np.array([pole]),), np.array([0.1]), (b,))
-    transient = 2.0 * pole ** np.arange(200.0)
-    e = noise.innovations(transient[None, :, None])[0, :, 0]
-    assert e[0] == pytest.approx(20.0 / lasting)
+    course = 2.0 * np.concatenate([[1.0], (pole - b / variance) * pole ** np.arange(199.0)])
+    e = noise.innovations(course[None, :, None])[0, :, 0]
+    assert e[0] == pytest.approx(20.0 / np.sqrt(variance))
     assert e[1:] == pytest.approx(np.zeros(199), abs=1e-9)
 
 

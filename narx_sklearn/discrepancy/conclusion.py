@@ -36,6 +36,7 @@ from narx_sklearn.discrepancy.verify import (
 
 ALIKE = 0.99  # confidence with which several sessions began off a memory's middle
 RUNS_OFF = 2.0  # times what a simulation leaves of whole runs, refitted or not, that no explanation does
+ROUNDING = 1e-6  # share of an error, which says nothing
 HARM = 0.01  # chance that what the uncertainty of parameters costs on other samples is taken for harm
 
 
@@ -97,12 +98,12 @@ class Conclusion:
         happened_once = self.tried.effects and not that_recur(self.tried.effects)
         if self.scores.empty or happened_once:
             return False
-        return bool(self.scores["removed_high"]["augmented"] < 0)
+        return bool(self.scores["removed_high"]["augmented"] < -ROUNDING)
 
     @property
     def is_better(self) -> bool:
         """Whether what was tried is surely better than a refit in whole runs."""
-        return not self.scores.empty and bool(self.scores["removed_low"]["augmented"] > 0)
+        return not self.scores.empty and bool(self.scores["removed_low"]["augmented"] > ROUNDING)
 
     @property
     def is_lost(self) -> bool:
