@@ -137,9 +137,7 @@ class Noise(NamedTuple):
         """
         a, b = self.colour(output)
         root = None if b else self.starting(output)
-        counts, log_determinant, first = seen.copy(), 0.0, np.empty((0, 0))
-        for lag in range(1, a.size + 1):
-            counts[:, lag:] &= seen[:, :-lag]
+        counts, log_determinant, first = remembered(seen, a.size), 0.0, np.empty((0, 0))
         if a.size and root is not None:
             first = np.linalg.inv(root)
             log_determinant = 2 * len(seen) * float(np.log(np.diag(root)).sum())
@@ -152,6 +150,14 @@ class Noise(NamedTuple):
             trace = np.where(counts, trace[:, :, 0], 0.0)
             e, log_determinant = _from_a_level(e, trace, self.gone_after(before, output))
         return e, counts, log_determinant
+
+
+def remembered(seen: np.ndarray, order: int) -> np.ndarray:
+    """Tell which samples (n_windows, n_samples) are seen with all in their window up to so many before."""
+    whole = seen.copy()
+    for lag in range(1, order + 1):
+        whole[:, lag:] &= seen[:, :-lag]
+    return whole
 
 
 @njit(cache=True, nogil=True)
@@ -330,10 +336,8 @@ def _left_by(a: np.ndarray, root: np.ndarray, r: np.ndarray, known: np.ndarray) 
     """
     e = np.empty((*r.shape, 1))
     _autoregressed(r[:, :, None], 0, a, 1.0, root, e)
-    counts = known.copy()
-    for lag in range(1, a.size + 1):
-        counts[:, lag:] &= known[:, :-lag]
-    whole = known[:, : a.size].all(axis=1)
+    counts = remembered(known, a.size)
+    whole = counts[:, a.size - 1].copy()  # windows of which all the first samples are seen
     counts[~whole, : a.size] = False
     counts[:, 0] = False
     if not counts[:, a.size :].any():
@@ -349,10 +353,9 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
     projection, Golub and Pereyra 1973). b is at most a: a drift adds slow noise. What lacks slow power has
     been fitted, and is no noise.
     """
-    counts = known.copy()
+    counts = remembered(known, 1)
     counts[:, 0] = False
-    counts[:, 1:] &= known[:, :-1]  # an innovation needs the sample before
-    n = int(counts.sum())
+    n, n_compared = int(counts.sum()), int(known[:, 1:].sum())  # the latter as for an autoregression
     if n < 50 or not np.any(r):
         return np.inf, np.zeros(1), 0.0, 1.0
     before = np.roll(r, 1, axis=1)
@@ -367,8 +370,7 @@ def _with_moving_average(r: np.ndarray, known: np.ndarray, price: float):
         left = r - a * before
         e, log_determinant = _averaged(left, counts, a, b)
         variance = max(float(np.sum(e**2)) / n, 1e-300)
-        # counted over all samples but the first, as for the autoregression
-        return int(known[:, 1:].sum()) * np.log(variance) + log_determinant, a, variance
+        return n_compared * np.log(variance) + log_determinant, a, variance
 
     def deviance(log_pace: float) -> float:
         return given(1.0 - np.exp(log_pace))[0]

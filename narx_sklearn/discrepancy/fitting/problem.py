@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import effective_n_jobs
 
-from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.noise import Noise, remembered
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
 
@@ -102,8 +102,7 @@ class Problem:
         """Residuals that count, (W, L, n_outputs): seen, as is all that the noise remembers of."""
         counts = self.seen.copy()
         for output, a in enumerate(self.noise.coefficients):
-            for lag in range(1, a.size + 1):
-                counts[:, lag:, output] &= self.seen[:, :-lag, output]
+            counts[:, :, output] = remembered(self.seen[:, :, output], a.size)
             if self.noise.starting(output) is None:
                 counts[:, : a.size, output] = False
         return counts

@@ -240,7 +240,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched
     if found is None and steps and (noise := clearer_noise(problem, refitted)) is not None:
-        # not to be told from noise, but slow: as what an integrator adds up
+        # all that is left is noise, of a colour of its own: as what an integrator adds up, which is slow
         problem = problem.with_noise(noise)
         refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     nominal = fit_initial_states(problem, refitted.model.x0)
