@@ -189,7 +189,7 @@ class TestRateLimit:
             CATALOGUE["rate_limit"], Port("input", 0), theta=(0.5, 1.0, 0.0), argument_name="force"
         )
         problem, start = axis_problem([resting])
-        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.0, 0.0])),)))
+        found = fit(problem, start._replace(effects=(resting.at(np.array([0.4, 0.01, 0.0])),)))
         assert found.model.effects[0].theta == pytest.approx((0.5, 1.0, 0.0), rel=0.05)
         assert Candidate(found, problem.n_seen).n_values == 3  # where it began, and its form, have no price
 

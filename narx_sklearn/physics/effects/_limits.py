@@ -13,6 +13,7 @@ from narx_sklearn.physics.effects._starts import grid, quantiles, spread, tellin
 NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
 BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
+FELT = 0.01  # share of a first command that is lacking: of what is caught up in no time nothing has a slope
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
 
@@ -96,31 +97,34 @@ def _levels(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _rate_limit_run(values, most, lacking, digital):
-    """Follow values that are held between samples by at most ``most`` a sample; return the mean over each.
+def _rate_limit_run(values, most, lacking):
+    """Follow values by at most ``most`` a sample; return where each step begins.
 
-    A held command steps at the sample and the ramp that follows it is mostly over before the next one, so the
-    value at the sample would show nothing of it. Where it is ``digital`` (1, else 0) it is at once where the
-    ramp gets to: code limits a command before it is held. At first a share of the first value is ``lacking``.
+    At first a share of the first value is ``lacking``.
     """
-    out = np.empty(values.size)
+    begins = np.empty(values.size)
     at = values[0] * (1.0 - lacking)
     for k in range(values.size):
-        missing = values[k] - at
-        size = abs(missing)
-        if size <= most:
-            out[k] = values[k] - (0.5 * missing * size / most if most > 0.0 else 0.0)
-            at = values[k]
-        else:
-            move = most if missing > 0.0 else -most
-            out[k] = at + 0.5 * move
-            at += move
-        out[k] += digital * (at - out[k])
-    return out
+        begins[k] = at
+        at += min(max(values[k] - at, -most), most)
+    return begins
+
+
+def _rate_limit_held(signal, dt, theta, first):
+    """Ramp to each value, which steps at its sample, and stay there until the next one.
+
+    Code limits a command before it is held: it is at once where the ramp gets to.
+    """
+    most, digital = theta[0] * dt, theta[2]
+    begins = by_pieces(_rate_limit_run, signal, first, most, theta[1])
+    move = np.clip(signal - begins, -most, most)
+    ramp = np.abs(move) / most if most > 0.0 else np.zeros_like(move)  # share of the step that it takes
+    lacking = (1.0 - digital) * 0.5 * ramp * move
+    return begins + move - lacking, (1.0 - digital) * ramp * (3.0 - 2.0 * ramp) * move
 
 
 def _rate_limit_transform(signal, second, dt, theta, first):
-    return by_pieces(_rate_limit_run, signal, first, theta[0] * dt, theta[1], theta[2])
+    return _rate_limit_held(signal, dt, theta, first)[0]
 
 
 def _limited_difference(now, before, most):
@@ -138,7 +142,7 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
         np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 2.0, 8.0]) * moves.max()])
     )
     # code that seldom limits leaves all other moves alone, which parts do not
-    rows = np.vstack([grid(limits, [0.0], [0.0]), [0.9 * moves.max(), 0.0, 1.0]])
+    rows = np.vstack([grid(limits, [FELT], [0.0]), [0.9 * moves.max(), FELT, 1.0]])
     return telling(setting, rows, _rate_limit_transform)
 
 
@@ -213,6 +217,7 @@ LIMITS = (
         choice=2,
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
+        held=_rate_limit_held,
         output_port=False,
         amplitude=None,
         lookalikes=("lag", "delay", "input_saturation"),
