@@ -4,6 +4,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from small_machines import make_axis
 
 from narx_sklearn.discrepancy import ODESimulator
@@ -16,12 +17,13 @@ from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import refit_leaders, refit_pairs
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
-from narx_sklearn.discrepancy.search.ranking import APART, gains, leaders, pairs
+from narx_sklearn.discrepancy.search.ranking import APART, gains, leaders, pairs, with_nearest
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
 
 FORCE = Port("state", 1)
+LIMIT = 4.5  # V, that one sample in a hundred is beyond
 
 
 def hypothesis(code, starts, *, port=FORCE, weights=(0.0, 1.0), asked=True, odd=False):
@@ -162,6 +164,50 @@ def test_an_effect_in_another_valley_is_tried_where_the_best_is():
     assert [c.effects[0].effect.code for c in found] == ["coulomb_friction", "input_saturation"]
     assert found[1].fit.cost < 1.1 * base.cost
     np.testing.assert_allclose([c.fit.model.p[1] for c in found], 40.0, rtol=0.01)
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """Return a machine whose drive has a limit that it meets at few peaks, and what may be missing."""
+    rng = np.random.default_rng(1)
+    u = lfilter([1.0], [1.0, -0.8], rng.normal(size=(1500, 1)), axis=0)
+    limit = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0), theta=(-LIMIT, LIMIT, 0.05))
+    assert 0 < np.mean(np.abs(u) > LIMIT) < 0.02
+    y = make_axis(1.1, 0.4).with_effects([limit]).simulate(u) + 1e-5 * rng.normal(size=(1500, 1))
+    windows = cut([(slice(0, 1500), 0)], 375, 12)
+    problem = Problem(make_axis(), u, y, windows, Noise.white(np.array([1e-5])))
+    base = fit(problem, Model(problem.simulator.nominal, (), np.zeros((windows.count, 2))))
+    run = problem.run(base.model)
+    structure = find_structure(problem.simulator, run.x, u)
+    asked = [CATALOGUE[code] for code in ("input_saturation", "rate_limit", "coulomb_friction")]
+    return problem, base, make_bank(problem, base, enumerate_hypotheses(asked, problem, run, structure))
+
+
+class TestNearest:
+    """A limit that few peaks meet: no tangent along a run without it shows where it lies."""
+
+    def test_the_start_whose_run_comes_nearest_leads_to_the_limit(self, limited):
+        problem, base, bank = limited
+        told = leaders(bank, 3, NONE_SILENT, 1.0)
+        costs = []
+        for placed in (told, with_nearest(problem, base, bank, told)):
+            found = refit_leaders(problem, base, placed, twins=0)
+            of_limit = next(c for c in found if c.effects[0].effect.code == "input_saturation")
+            costs.append(of_limit.fit.cost)
+        assert costs[1] < 1.2 * problem.n_seen < 1e-3 * costs[0]
+        np.testing.assert_allclose(of_limit.effects[0].theta[:2], [-LIMIT, LIMIT], rtol=1e-3)
+
+    def test_one_of_each_form_is_added_and_none_of_what_has_a_strength(self, limited):
+        problem, base, bank = limited
+        told = leaders(bank, 3, NONE_SILENT, 1.0)
+        more = with_nearest(problem, base, bank, told)
+        added = [e for e in more if e not in told]
+        assert more[: len(told)] == told
+        assert {e.effect.code for e in added} <= {"input_saturation", "rate_limit"}
+        limits = [e for e in more if e.effect.code == "rate_limit"]
+        assert {e.theta[2] for e in limits} == {0.0, 1.0}
+        friction = [e for e in told if e.effect.code == "coulomb_friction"]
+        assert with_nearest(problem, base, bank, friction) == friction
 
 
 def spring(x, u, p):

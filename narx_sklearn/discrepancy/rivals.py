@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.lookalikes import is_special_case
-from narx_sklearn.discrepancy.search.ranking import leaders, scaled
+from narx_sklearn.discrepancy.search.ranking import leaders, scaled, with_nearest
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.stages.coloured_search import pool_of
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
@@ -138,6 +138,7 @@ def _shown(
     most = np.argsort(-length, kind="stable")[: np.count_nonzero(length)]
     if found is None:
         placed = leaders(bank, MOST_PORTS, NONE_SILENT, 1.0)
+        placed = with_nearest(problem, base, bank, placed, n_jobs)
         if not placed:  # it would act against its physical sense: where it would show most, it hardly does
             placed = [scaled(bank, most[0], 1 / length[most[0]])]
         fitted = refit_leaders(problem, base, placed, n_jobs, finished=1, twins=0)

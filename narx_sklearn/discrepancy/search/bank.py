@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -76,6 +77,13 @@ class Bank:
         return hypothesis.placed.at(hypothesis.starts[self.start[column]])
 
 
+class Entered(NamedTuple):
+    """A fitted model with effects beside its own, and what it leaves, initial states refitted."""
+
+    model: Model
+    left: float
+
+
 def make_bank(problem: Problem, fit: Fit, hypotheses: list[Hypothesis], n_jobs: int | None = None) -> Bank:
     """Inject every effect at each of its starts, and project out what the model itself can explain."""
     pairs = [(h, s) for h, hypothesis in enumerate(hypotheses) for s in range(len(hypothesis.starts))]
@@ -141,25 +149,25 @@ def effect_column(problem: Problem, fit: Fit, base, placed: PlacedEffect) -> np.
     return np.nan_to_num(problem.whiten(moved.y - base.y) / TANGENT, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def entered(problem: Problem, fit: Fit, base, *placed: PlacedEffect) -> Model:
+def entered(problem: Problem, fit: Fit, base, *placed: PlacedEffect) -> Entered:
     """Return a fitted model with more effects, all else moved as the tangents say where that leaves less.
 
     At full strength at once an effect may throw the run far from the recording, although the simulator's own
     parameters would take most of it.
     """
-    effects = (*fit.model.effects, *placed)
-    as_it_was = fit.model._replace(effects=effects)
+
+    def left_by(model: Model) -> Entered:
+        residual = problem.residual(problem.run(model))
+        with np.errstate(over="ignore"):  # what runs off so far leaves more than anything else
+            left = float(np.sum(fit.projector(residual) ** 2)) if np.isfinite(residual).all() else np.inf
+        return Entered(model, left)
+
+    as_it_was = left_by(fit.model._replace(effects=(*fit.model.effects, *placed)))
     if not fit.model.q.size:
         return as_it_was
     columns = [effect_column(problem, fit, base, effect) for effect in placed]
     moved = moved_for(problem, fit, -np.sum(columns, axis=0), np.arange(fit.model.q.size))
-
-    def left(model: Model) -> float:
-        residual = problem.residual(problem.run(model))
-        with np.errstate(over="ignore"):  # what runs off so far leaves more than anything else
-            return float(np.sum(fit.projector(residual) ** 2)) if np.isfinite(residual).all() else np.inf
-
-    return min(as_it_was, moved._replace(effects=(*moved.effects, *placed)), key=left)
+    return min(as_it_was, left_by(moved._replace(effects=(*moved.effects, *placed))), key=lambda e: e.left)
 
 
 def moved_for(problem: Problem, fit: Fit, change: np.ndarray, index: np.ndarray) -> Model:

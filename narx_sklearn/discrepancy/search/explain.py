@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.search.confirm import Trial, confirmed, is_of_a_se
 from narx_sklearn.discrepancy.search.detect import Detection, detect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import reordered, without_each, without_idle
-from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs
+from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs, with_nearest
 from narx_sklearn.discrepancy.search.valleys import may_lie_elsewhere, other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 
@@ -67,9 +67,10 @@ def refit_leaders(
     models = [before[place] for place in places if place in before]
     for start in (base, *elsewhere):
         run = problem.run(start.model)
-        models += Parallel(n_jobs=n_jobs, prefer="threads")(
+        begun = Parallel(n_jobs=n_jobs, prefer="threads")(
             delayed(entered)(problem, start, run, effect) for effect in placed if effect.place not in before
         )
+        models += [one.model for one in begun]
     twins = 0 if base.model.effects or before else twins
     found, left_behind = _in_rounds(problem, base, models, n_jobs, twins=twins, finished=finished)
     if finished is None:
@@ -194,9 +195,10 @@ def refit_pairs(
     run = problem.run(base.model)
 
     def tried(some: list[Pair], models: list[Model]) -> list[Candidate]:
-        models = models + Parallel(n_jobs=n_jobs, prefer="threads")(
+        begun = Parallel(n_jobs=n_jobs, prefer="threads")(
             delayed(entered)(problem, base, run, *pair.effects(bank)) for pair in some
         )
+        models = [*models, *(one.model for one in begun)]
         ended, left_behind = _in_rounds(problem, base, models, n_jobs, rounds=PAIR_ROUNDS)
         return ended + left_behind
 
@@ -258,6 +260,7 @@ def search(
             full = len(candidate.effects) >= settings.max_effects
             silent = rank == 0 and detection.p_value > alpha
             placed = [] if full or silent else leaders(bank, settings.n_leaders, detection, alpha)
+            placed = with_nearest(problem, candidate.fit, bank, placed, settings.n_jobs)
             found = _added(problem, candidate, bank, placed, () if candidate.effects else known, settings)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):

@@ -3,9 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.refit import Fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.bank import Bank
+from narx_sklearn.discrepancy.search.bank import Bank, entered
 from narx_sklearn.discrepancy.search.confirm import LOAD, OFFSET
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT, Detection
 
@@ -74,9 +77,8 @@ def _within(strength: np.ndarray, limits: np.ndarray) -> np.ndarray:
 def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[PlacedEffect]:
     """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
 
-    Where no parameter scales an effect, the last of its starts is the one that is best as it stands. What is
-    met seldom throws a run so far off that tangents along it tell little: then all are leaders that act
-    beyond a threshold.
+    What is met seldom throws a run so far off that tangents along it tell little: then all are leaders that
+    act beyond a threshold.
     """
     gain, strength = gains(bank)
     scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
@@ -97,10 +99,36 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
             continue
         most = max(STARTS, len(hypothesis.starts) // MANY)
         chosen = [j for j in columns if gain[j] > NEARLY * gain[columns[0]]][:most]
-        if hypothesis.placed.amplitude is None and len(chosen) == most:
-            chosen[-1] = max(columns, key=lambda j: 2 * bank.plain[j] - bank.gram[j, j])
-        found += [scaled(bank, j, strength[j]) for j in dict.fromkeys(chosen)]
+        if hypothesis.placed.amplitude is None:
+            chosen = chosen[: most - 1]
+        found += [scaled(bank, j, strength[j]) for j in chosen]
     return found
+
+
+def with_nearest(
+    problem: Problem, base: Fit, bank: Bank, placed: list[PlacedEffect], n_jobs: int | None = None
+) -> list[PlacedEffect]:
+    """Return leaders, and of those that no parameter scales the start that leaves least as it stands.
+
+    Tangents along a run without them tell what a little of them would do: of a limit that is never reached
+    nothing, of one that is always reached most. One start is added of each form in which they are built.
+    """
+    unscaled = {effect.place for effect in placed if effect.amplitude is None}
+    tried = [
+        effect
+        for effect in map(bank.placed, np.flatnonzero(bank.useful).tolist())
+        if effect.place in unscaled
+    ]
+    run = problem.run(base.model)
+    begun = Parallel(n_jobs=n_jobs, prefer="threads")(
+        delayed(entered)(problem, base, run, effect) for effect in tried
+    )
+    nearest: dict[tuple, PlacedEffect] = {}
+    for i in np.argsort([one.left for one in begun], kind="stable"):
+        choice = tried[i].effect.choice
+        form = None if choice is None else tried[i].theta[choice]
+        nearest.setdefault((tried[i].place, form), tried[i])
+    return list(dict.fromkeys([*placed, *nearest.values()]))
 
 
 def _is_met_seldom(bank: Bank) -> bool:

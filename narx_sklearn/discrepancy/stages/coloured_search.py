@@ -24,7 +24,7 @@ from narx_sklearn.discrepancy.search.harmonics import with_one_course
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.members import without
-from narx_sklearn.discrepancy.search.ranking import leaders, with_pushes
+from narx_sklearn.discrepancy.search.ranking import leaders, with_nearest, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.physics.effects import CATALOGUE
@@ -170,6 +170,7 @@ def _leading(
     is fitted too.
     """
     placed = leaders(bank, settings.n_leaders, NONE_SILENT, 1.0)
+    placed = with_nearest(problem, refitted, bank, placed, settings.n_jobs)
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1)
     p = problem.simulator.nominal
     if not went_far(refitted.model.p, p):
@@ -177,6 +178,7 @@ def _leading(
     nominal = fit_states(problem, refitted.model._replace(p=p))
     bank = make_bank(problem, nominal, hypotheses_of(problem, nominal, structure, settings), settings.n_jobs)
     placed = with_pushes(bank, settings.n_leaders)
+    placed = with_nearest(problem, nominal, bank, placed, settings.n_jobs)
     found += refit_leaders(problem, nominal, placed, settings.n_jobs, finished=1, twins=0)
     return once_each(sorted(found, key=lambda c: c.criterion))
 

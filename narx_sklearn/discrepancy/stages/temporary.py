@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
 from narx_sklearn.discrepancy.search.confirm import DRIFTS, chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.search.explain import IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
-from narx_sklearn.discrepancy.search.ranking import gains, with_pushes
+from narx_sklearn.discrepancy.search.ranking import gains, with_nearest, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import (
@@ -240,7 +240,7 @@ def _found_in(
     taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
-    placed = with_pushes(bank, LEADERS)
+    placed = with_nearest(own, start, bank, with_pushes(bank, LEADERS), settings.n_jobs)
     found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
     if not found:
         return None
