@@ -213,6 +213,21 @@ def test_compliant_play_loses_its_width_at_a_reversal():
     assert up[-1] == down[1]  # nothing moves yet
 
 
+@pytest.mark.parametrize(("code", "number"), [(Code.rate_limit, 20.0), (Code.lag, 0.004)])
+def test_what_follows_a_command_within_a_fine_step_does_as_much_as_in_much_finer_ones(code, number):
+    """Its first moments over a sample of 0.1 s: what a mass would be moved by, and how far."""
+    commands, lever = [0.0, 1.5, 1.4, -0.2, -0.2], []
+    for n_fine in (20, 4000):
+        h, z, reached = 0.1 / n_fine, np.zeros(24), []
+        theta = np.array([number, 0, 0, 0, 0, 0, 0, 0])
+        for u in commands:
+            reached += [act(code, theta, u, 0.0, h, z) for _ in range(n_fine)]
+        lacking = np.repeat(commands, n_fine) - np.array(reached)
+        time = h * (np.arange(lacking.size) + 0.5)
+        lever.append([np.sum(lacking) * h, np.sum(lacking * time) * h])
+    np.testing.assert_allclose(lever[0], lever[1], rtol=0.02)
+
+
 def test_a_quantised_reading_has_the_step_asked_for():
     assert sense(Code.quantisation, np.array([0.25, 0, 0, 0, 0, 0, 0, 0]), 0.6, 0.0, 0.1, np.zeros(24)) == 0.5
 

@@ -1,4 +1,8 @@
-"""What an actuator may do to its command, advanced by one fine step."""
+"""What an actuator may do to its command, advanced by one fine step.
+
+What follows a command within a fine step is told by its mean over that, so that a lag or a ramp much shorter
+than a sample is as long as it says.
+"""
 
 import numpy as np
 from numba import njit
@@ -37,11 +41,13 @@ def act(code, theta, u, t, h, z):
         d = z[0]
     elif code == Code.rate_limit:  # a positioner whose speed comes to its end theta[0] softly
         step = d - z[0]
-        z[0] += step / (1.0 + abs(step / (theta[0] * h)) ** 6) ** (1.0 / 6.0)
-        d = z[0]
+        moved = step / (1.0 + abs(step / (theta[0] * h)) ** 6) ** (1.0 / 6.0)
+        z[0] += moved
+        d = z[0] - 0.5 * moved * abs(moved) / (theta[0] * h)
     elif code == Code.lag:
-        z[0] += (d - z[0]) * (1.0 - np.exp(-h / theta[0]))
-        d = z[0]
+        moved = (d - z[0]) * (1.0 - np.exp(-h / theta[0]))
+        z[0] += moved
+        d -= moved * theta[0] / h
     elif code == Code.gain_drift:  # settles towards a gain of 1 + theta[0]
         d *= 1.0 + theta[0] * (1.0 - np.exp(-t / theta[1]))
     elif code == Code.supply_sag:  # the gain gives way after hard work
