@@ -546,6 +546,28 @@ def test_ends_are_moved_where_whole_fits_would_move_them(monkeypatch):
     assert n_fits < 0.5 * (len(fits) - n_fits)
 
 
+def test_ends_go_on_past_a_time_at_which_nothing_shows():
+    """A limit of the drive is met some seconds apart: round one of these no end has a reason to move."""
+    rng = np.random.default_rng(3)
+    u = 0.5 * np.repeat(rng.normal(0, 1, 200), 10)[:, None]
+    peaks = [300, 700, 1000, 1250, 1700]
+    for peak in peaks:
+        u[peak : peak + 20] = 6.0
+    limit = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0), theta=(-9.0, 4.0, 0.05))
+    there = limit.acting(Span(600 * DT, 1400 * DT))
+    y = make(parameters=(1.1, 0.7, 11.0)).with_effects([there]).simulate(u)
+    y += 0.004 * rng.normal(size=y.shape)
+    problem = Problem(make(), u, y, cut([(slice(0, 2000), 0)], 500, 20), Noise.white(np.array([0.004])))
+    begun = Model(np.array([1.1, 0.7, 11.0]), (limit.acting(Span(980 * DT, 1040 * DT)),), np.zeros((4, 2)))
+    candidate = Candidate(fit(problem, begun), problem.n_seen)
+    assert candidate.fit.cost > 2.0 * problem.n_seen
+    settled = temporary._settled(problem, candidate, temporary.PASSES)
+    begins, ends, _ = settled.effects[0].during
+    assert 320 * DT < begins < 705 * DT
+    assert 1265 * DT < ends < 1705 * DT
+    assert settled.fit.cost < 1.1 * problem.n_seen
+
+
 def test_a_move_with_which_a_run_diverges_is_left_to_a_fit():
     u, y = rubbed(600, 200, 400)
     problem = Problem(make(), u, y, cut([(slice(0, 600), 0)], 600, 20), Noise.white(np.array([0.004])))

@@ -341,7 +341,8 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     """Return an effect that acts for a while with the ends of its time where they fit best.
 
     Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
-    One that leaves the samples fitted is not known.
+    In several passes they go far at first: between two times at which it shows, an end changes nothing. One
+    that leaves the samples fitted is not known.
     """
     dt = problem.simulator.dt
     first, last = _ends(problem, candidate.effects[0].during.along_record)
@@ -370,7 +371,7 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
         return best
 
     begins, ends, _ = candidate.effects[0].during.within(first, last)
-    step = 0.25 * (ends - begins)
+    step = 0.25 * (ends - begins if passes == 1 else last - first)
     best = candidate
     for _ in range(passes):
         before, best = best, descended(best, step)
