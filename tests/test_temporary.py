@@ -568,6 +568,19 @@ def test_ends_go_on_past_a_time_at_which_nothing_shows():
     assert settled.fit.cost < 1.1 * problem.n_seen
 
 
+def test_an_end_that_went_too_far_comes_back():
+    """Sticking out of the record it takes in most of the rest; it is known where that is worth its price."""
+    u, y = rubbed(2000, 500, 1850)
+    rub = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(1.0,))
+    problem = Problem(make(), u, y, cut([(slice(0, 2000), 0)], 500, 20), Noise.white(np.array([0.004])))
+    p = np.array([1.1, 0.7, 11.0])
+    for begun in (Span(1250 * DT, 1700 * DT), Span(600 * DT, np.inf)):
+        model = Model(p, (rub.acting(begun),), np.zeros((4, 2)))
+        candidate = Candidate(fit(problem, model), problem.n_seen)
+        during = temporary._settled(problem, candidate, temporary.PASSES).effects[0].during
+        assert during[:2] == pytest.approx((500 * DT, 1850 * DT), abs=8 * DT)
+
+
 def test_a_move_with_which_a_run_diverges_is_left_to_a_fit():
     u, y = rubbed(600, 200, 400)
     problem = Problem(make(), u, y, cut([(slice(0, 600), 0)], 600, 20), Noise.white(np.array([0.004])))

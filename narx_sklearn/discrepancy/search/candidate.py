@@ -100,7 +100,12 @@ class Candidate:
         price += 2 * sum(np.log(e.effect.n_apart) for e in self.effects if e.effect.n_apart)
         price += np.log(n) * sum(len(e.effect.chosen) for e in self.effects)
         ends = sum(e.during.n_ends + len(e.effect.instants) for e in self.effects)
-        return price + 2 * np.log(n) * (ends - self.given)
+        return price + price_of_an_end(n) * (ends - self.given)
+
+
+def price_of_an_end(n_samples: int) -> float:
+    """Return the price of a time at which something begins or ends, which was chosen among all samples."""
+    return 2 * float(np.log(n_samples))
 
 
 def odd(candidate: Candidate) -> bool:

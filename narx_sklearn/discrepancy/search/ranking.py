@@ -119,6 +119,8 @@ def with_nearest(
         for effect in map(bank.placed, np.flatnonzero(bank.useful).tolist())
         if effect.place in unscaled
     ]
+    if not tried:
+        return placed
     run = problem.run(base.model)
     begun = Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(entered)(problem, base, run, effect) for effect in tried

@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.locate.segments import MOST_BLOCKS
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Span
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank, out_of
-from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, price_of_an_end
 from narx_sklearn.discrepancy.search.confirm import DRIFTS, chance_of_noise, clearer_noise, deviance, n_shapes
 from narx_sklearn.discrepancy.search.explain import IN_REACH, Step, refit_leaders
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
@@ -342,13 +342,14 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
 
     Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
     In several passes they go far at first: between two times at which it shows, an end changes nothing. One
-    that leaves the samples fitted is not known.
+    that leaves the samples fitted is not known, unless one within them is worth its price.
     """
-    dt = problem.simulator.dt
+    dt, n = problem.simulator.dt, candidate.n_samples
     first, last = _ends(problem, candidate.effects[0].during.along_record)
 
     def moved(span: Span, end: int, way: float) -> Span:
-        to = round((span[end] + way) / dt) * dt
+        at = span[end] if np.isfinite(span[end]) else (first, last)[end]
+        to = round((at + way) / dt) * dt
         if end == 0:
             return span._replace(begins=to if to > first else -np.inf)
         return span._replace(ends=to if to < last else np.inf)
@@ -356,17 +357,16 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
     def descended(best: Candidate, step: float) -> Candidate:
         while step > max(FINEST * (last - first), dt):
             for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
-                span = best.effects[0].during
-                if not np.isfinite(span[end]):
-                    continue
-                span = moved(span, end, way)
-                if max(span[0], first) + 2 * dt < min(span[1], last):
+                before = best.effects[0].during
+                span = moved(before, end, way)
+                if span != before and max(span[0], first) + 2 * dt < min(span[1], last):
                     model = _in_span(best, span)
                     if not _may_leave_less(problem, best.fit, model):
                         continue
                     trial = fit(problem, model, iterations=SETTLED, rough=True)
-                    if trial.cost < best.fit.cost:
-                        best = Candidate(trial, best.n_samples)
+                    more = max(span.n_ends - before.n_ends, 0)
+                    if trial.cost < best.fit.cost * np.exp(-more * price_of_an_end(n) / n):
+                        best = Candidate(trial, n)
             step /= 2
         return best
 
