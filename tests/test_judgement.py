@@ -24,6 +24,7 @@ from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.judgement import _without_its_power, at_home_instead, judged
 from narx_sklearn.discrepancy.stages.naming import _without_refinement
 from narx_sklearn.discrepancy.stages.refuted import (
+    NOTHING_SEEN,
     LeftByForm,
     Leftover,
     is_refuted,
@@ -155,6 +156,12 @@ class TestAtHomeInstead:
         assert said.best.places == (home if stands else elsewhere).places
         alone = judged(searched, elsewhere, [elsewhere], structure, settings)
         assert (alone.verdict, alone.best) == ("unknown", elsewhere)
+        assert not alone.left.share  # it is where it acts that speaks against it
+        for doubt in (0.99, 1.0):  # as much as would refute it, or less
+            left_by_it = LeftByForm(share=0.5, deviations=0.7, doubt=doubt)
+            monkeypatch.setattr(judgement, "left_by_form", lambda *given, said=left_by_it: said)
+            refuted = judged(searched, elsewhere, [elsewhere], structure, settings)
+            assert refuted.left == (left_by_it if doubt == 1.0 else NOTHING_SEEN)
 
 
 class TestExactSimulations:

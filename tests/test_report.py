@@ -219,7 +219,19 @@ def test_both_reports_say_how_much_a_name_that_stands_leaves(case):
     said = "These leave 3.1 % of what could be explained to a law without a name, 1.3 times the noise"
     assert said in report_text(told)
     assert said in render_report(told, u, y)
+    assert "The parameters' intervals hold either way." in report_text(told)
     assert "to a law without a name" not in dx.report_
+
+
+def test_both_reports_say_that_a_name_leaves_too_much(case):
+    dx, u, y = case
+    refuted = copy(dx)
+    left = LeftByForm(share=0.31, deviations=0.068, doubt=1.0)
+    refuted.verdict_ = "unknown"
+    refuted.conclusion_ = replace(dx.conclusion_, diagnosis=replace(dx.conclusion_.diagnosis, left=left))
+    for said in (report_text(refuted), render_report(refuted, u, y)):
+        assert "0.068 times the noise (root mean square): more than a right name" in said
+        assert "intervals hold either way" not in said
 
 
 def test_the_curve_of_the_data_is_found_without_the_effect(case):

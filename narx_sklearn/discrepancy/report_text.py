@@ -149,11 +149,16 @@ def what_is_left(dx) -> str:
     if not any(finding.modelled for finding in dx.findings_):
         return ""
     words = []
-    if (left := dx.conclusion_.diagnosis.left).share and dx.verdict_ != "unknown":
+    if (left := dx.conclusion_.diagnosis.left).share:
         words.append(
             f"These leave {_percent(left.share)} of what could be explained to a law without a name, "
-            f"{rounded(left.deviations)} times the noise (root mean square): their form is idealised, or "
-            "they stand in for a law near to theirs. The parameters' intervals hold either way."
+            f"{rounded(left.deviations)} times the noise (root mean square): "
+            + (
+                "more than a right name with an idealised form would."
+                if dx.verdict_ == "unknown"
+                else "their form is idealised, or they stand in for a law near to theirs. The parameters' "
+                "intervals hold either way."
+            )
         )
     against = dx.conclusion_.diagnosis.against_noise
     if against and where_names_stand_in(dx.conclusion_.diagnosis) is None:  # else that is a finding

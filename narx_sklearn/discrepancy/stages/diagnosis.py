@@ -89,7 +89,7 @@ class Diagnosis:
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
-    left: LeftByForm = NOTHING_SEEN  # by names that stand, of what could be explained
+    left: LeftByForm = NOTHING_SEEN  # by names, of what could be explained
     unnamed: Candidate | None = None  # the best law without a name, where names were held against one
     narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
 
@@ -276,7 +276,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         twin_misses_more=twin_misses_more,
         against_noise=found.against_noise,
         unforeseen=found.unforeseen,
-        left=found.left if found.verdict != "unknown" else NOTHING_SEEN,
+        left=found.left,
         unnamed=found.unnamed,
         lengthened_from=lengthened_from,
     )

@@ -48,7 +48,7 @@ class Judgement(NamedTuple):
     stand_in: bool = False  # names for a law that is none of them
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and the names leave
     unforeseen: Unforeseen | None = None  # what follows no signal, in the place of names
-    left: LeftByForm = NOTHING_SEEN  # by names that stand
+    left: LeftByForm = NOTHING_SEEN  # by names that stand, or do not because of that
 
 
 def judge(searched: Searched, structure: Structure, settings: Settings) -> Judgement | None:
@@ -114,10 +114,11 @@ def judged(
         return Judgement("unknown", best, alternatives, unnamed, stand_in=True, against_noise=signs)
     if say_less_than_they_leave([best, *chain.from_iterable(alternatives)], unnamed, pool):
         return Judgement("unknown", best, alternatives, unnamed)
+    left = left_by_form(refitted, best, unnamed, leftover)
     if is_refuted(refitted, best, unnamed, leftover, settings.alpha):
         at_home = _judged_at_home(searched, best, alternatives, pool, structure, settings)
-        return at_home or Judgement("unknown", best, alternatives, unnamed)
-    left = left_by_form(refitted, best, unnamed, leftover)
+        too_much = left if left.doubt >= 1.0 else NOTHING_SEEN
+        return at_home or Judgement("unknown", best, alternatives, unnamed, left=too_much)
     return Judgement(named, best, alternatives, unnamed, left=left)
 
 
