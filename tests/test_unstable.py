@@ -151,14 +151,15 @@ def test_an_effect_enters_with_the_parameters_moved_as_the_tangents_say(ball_pro
     problem, base = ball_problem
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(-0.6,))
     as_it_was = base.model._replace(effects=(load,))
-    model = entered(problem, base, problem.run(base.model), load)
+    model, left = entered(problem, base, problem.run(base.model), load)
     assert model.effects == (load,)
     assert model.p[0] == pytest.approx(FORCE, rel=0.02)
 
     def cost(at: Model) -> float:
         return float(np.sum(base.projector(problem.residual(problem.run(at))) ** 2))
 
-    assert cost(model) < 0.01 * cost(as_it_was)
+    assert left == pytest.approx(cost(model))
+    assert left < 0.01 * cost(as_it_was)
 
 
 def test_rounding_explains_nothing_by_the_choice_of_states_in_many_windows(held):
