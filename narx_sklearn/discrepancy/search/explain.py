@@ -260,7 +260,6 @@ def search(
             full = len(candidate.effects) >= settings.max_effects
             silent = rank == 0 and detection.p_value > alpha
             placed = [] if full or silent else leaders(bank, settings.n_leaders, detection, alpha)
-            placed = with_nearest(problem, candidate.fit, bank, placed, settings.n_jobs)
             found = _added(problem, candidate, bank, placed, () if candidate.effects else known, settings)
             first = not pool  # and must be more than noise, as must what goes with a drift of a sensor
             if first or any(is_of_a_sensor(effect) for effect in candidate.effects):
@@ -312,6 +311,8 @@ def _added(
     """Return the sets with one or two effects more that are better than a set, best first."""
     base, n_jobs = candidate.fit, settings.n_jobs
     alone = [c for c in known if len(c.effects) == 1]
+    begun = {c.effects[-1].place for c in alone}
+    placed = with_nearest(problem, base, bank, placed, n_jobs, known=begun)
     found = refit_leaders(problem, base, placed, n_jobs, known=alone)
     if placed and len(candidate.effects) + 2 <= settings.max_effects:
         both = [c for c in known if len(c.effects) == 2]

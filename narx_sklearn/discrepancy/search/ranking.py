@@ -1,5 +1,6 @@
 """What takes most off the cost, to first order: single effects, and pairs of which neither shows alone."""
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +79,7 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
     """Return the hypotheses with the largest gains, their best starts each, scaled to their best strength.
 
     What is met seldom throws a run so far off that tangents along it tell little: then all are leaders that
-    act beyond a threshold.
+    act beyond a threshold. Of effects that no parameter scales :func:`with_nearest` adds the last start.
     """
     gain, strength = gains(bank)
     scanned = {h.placed.effect.code for h in bank.hypotheses if h.placed.effect.scan}
@@ -106,14 +107,21 @@ def leaders(bank: Bank, n: int, detection: Detection, alpha: float) -> list[Plac
 
 
 def with_nearest(
-    problem: Problem, base: Fit, bank: Bank, placed: list[PlacedEffect], n_jobs: int | None = None
+    problem: Problem,
+    base: Fit,
+    bank: Bank,
+    placed: list[PlacedEffect],
+    n_jobs: int | None = None,
+    *,
+    known: Collection[tuple] = (),
 ) -> list[PlacedEffect]:
     """Return leaders, and of those that no parameter scales the start that leaves least as it stands.
 
     Tangents along a run without them tell what a little of them would do: of a limit that is never reached
-    nothing, of one that is always reached most. One start is added of each form in which they are built.
+    nothing, of one that is always reached most. One start is added of each form in which they are built;
+    none at places that are ``known``, where an earlier fit goes on.
     """
-    unscaled = {effect.place for effect in placed if effect.amplitude is None}
+    unscaled = {effect.place for effect in placed if effect.amplitude is None}.difference(known)
     tried = [
         effect
         for effect in map(bank.placed, np.flatnonzero(bank.useful).tolist())
