@@ -9,6 +9,7 @@ package. Held-out errors are those of the last fifth, over the recording's sprea
 """
 
 import argparse
+import sys
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from itertools import repeat
@@ -54,7 +55,10 @@ def main():
     ]
     names, missing = zip(*wanted, strict=True)
     with ProcessPoolExecutor(given.jobs) as pool:
-        rows = list(pool.map(diagnose, names, missing, repeat(given.seed), repeat(given.noise)))
+        rows = []
+        for row in pool.map(diagnose, names, missing, repeat(given.seed), repeat(given.noise)):
+            rows.append(row)
+            print(f"{len(rows)}/{len(names)} {row['machine']}: {row['missing']}", file=sys.stderr, flush=True)
     print(format_table(list(rows[0]), [list(row.values()) for row in rows]))
     print(
         f"first name (or silence) right: {sum(r['right'] for r in rows)} of {len(rows)}, "
