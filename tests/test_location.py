@@ -9,7 +9,7 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
-from narx_sklearn.discrepancy.location import _features, _slope, _spectra, slopes_of_ends, widened
+from narx_sklearn.discrepancy.location import _features, _noticeable, _slope, _spectra, slopes_of_ends, widened
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -108,8 +108,19 @@ def test_what_a_curve_of_a_signal_adds_is_told_by_its_slope():
     passing = u - np.clip(u, -1.0, 1.0)
     assert _slope(u, passing - u).tolist() == [0.0, -1.0, -1.0, -1.0, -1.0, 0.0, 0.0, -1.0]
     delayed = np.roll(u, 3) - u  # at 0.5 it adds one thing, then another: no curve
-    np.testing.assert_array_equal(_slope(u, delayed), delayed)
-    np.testing.assert_array_equal(_slope(np.ones(3), np.zeros(3)), np.zeros(3))
+    assert _slope(u, delayed) is None
+    assert _slope(np.ones(3), np.zeros(3)) is None
+
+
+@pytest.mark.parametrize("reach", [3.0, 0.4])
+def test_a_rounded_corner_lies_where_a_fifth_of_the_gain_is_gone_or_half_of_what_is_seen_to_go(reach):
+    u = np.linspace(-reach, reach, 2001)
+    slope, least = _noticeable(u, np.tanh(u) - u)  # the gain is 1 - tanh(u)**2
+    lost = np.tanh(u) ** 2
+    np.testing.assert_allclose(-slope, lost, atol=2e-3)
+    assert least == pytest.approx(min(0.2, 0.5 * lost.max()), rel=0.02)
+    echo = np.roll(u, 7) - u  # no curve of the signal: half of the most that is added
+    assert _noticeable(np.round(u), echo)[1] == 0.5 * np.abs(echo).max()
 
 
 def gated(n=4000, start=1500, stop=2600):

@@ -32,7 +32,8 @@ MOST_TURNS = 4  # ranges that a curve of a signal may go up and down by
 LIKELY = 1.64  # standard errors, by which the ends of where an effect acts may be off
 NEAR = 1e-6  # of a signal's range, within which it has reached a limit
 STEP = 1e-6  # of a parameter, for how the ends of where an effect acts move with it
-NOTICEABLE = 0.25  # of the largest square of a slope: a rounded corner lies where half of the slope is gone
+NOTICEABLE = 0.5  # of the largest size of what is added to a signal, from which on it lives there
+LOST = 0.2  # of a signal's gain: a rounded corner lies where as much is gone
 SINGLE = 1e-6  # of its range, by which a curve may differ at one value
 TOLD = ["value", "low", "high", "reading"]  # of each property of an unknown signal
 LONGEST = 100_000  # samples looked at; the windows in the middle of a longer record stand for it
@@ -202,8 +203,8 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
         at, argument, added = correction(problem, model, run, index, rows, MOST_ACTING)
         floor = 0.0
         if placed.port.kind != "state":
-            added = _slope(argument, added)
-            floor = NOTICEABLE * np.max(added**2)
+            added, least = _noticeable(argument, added)
+            floor = least**2
         inside = slice(int(at[0]), int(at[-1]) + 1)
         table = _features(problem.simulator, problem.u, run.x, problem.windows, inside)
         table = table.iloc[at - inside.start]
@@ -310,8 +311,20 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
     )
 
 
-def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """Return the slope of what is added to a signal where it is a curve of that signal, else what is added.
+def _noticeable(argument: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return what tells where a change of a signal lives, and from which size on: its slope, where it has one.
+
+    A signal that loses its gain little by little does so where a fifth of it is gone, or half of the most that
+    the record shows.
+    """
+    slope = _slope(argument, added)
+    if slope is None:
+        return added, NOTICEABLE * float(np.abs(added).max())
+    return slope, min(LOST, NOTICEABLE * float(np.abs(slope).max()))
+
+
+def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray | None:
+    """Return the slope of what is added to a signal where it is a curve of that signal, else None.
 
     What leaves a dead zone is short of the command all along, but lives where nothing passes.
     """
@@ -319,7 +332,7 @@ def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray:
     curve = added[first]
     turns = np.abs(np.diff(curve)).sum() > MOST_TURNS * np.ptp(curve)
     if values.size < 2 or turns or np.abs(curve[which] - added).max() > SINGLE * np.ptp(curve):
-        return added
+        return None
     slope = np.diff(curve) / np.diff(values)
     return np.append(slope, slope[-1])[which]
 
