@@ -438,6 +438,47 @@ def test_parameters_that_what_acts_for_a_while_bent_far_are_left_for_the_nominal
     assert effect.during[:2] == pytest.approx((667.0, 1167.0), abs=10.0)
 
 
+def pushed(n=3000, start=900, stop=1700):
+    """A level that a flow fills and something drains for a while; noise with a pole at 0.9."""
+    u, rng = drive(n), np.random.default_rng(4)
+    there = 0.02 * ((np.arange(n) >= start) & (np.arange(n) < stop))
+    y = np.cumsum(DT * np.r_[0.0, (1.1 * u[:, 0] + there)[:-1]])
+    noise = lfilter([1.0], [1.0, -0.9], rng.normal(size=n))
+    return u, (y + 0.02 * noise)[:, None]
+
+
+def test_where_an_integrator_remembers_a_push_the_pieces_tell_the_noise():
+    u, y = pushed()
+    simulator = ODESimulator(
+        integrator, dt=DT, parameters={"gain": 1.0}, states=["level [m]"], inputs=["flow [m/s]"]
+    )
+    windows = cut([(slice(0, 3000), 0)], 3000, 8)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.ones(1)), adds_up=(True,))
+    start = Model(np.array([1.1]), (), np.zeros((1, 1)))
+    span = Span(900 * DT, 1700 * DT)
+    whole, pieces = temporary._noises_of_the_rest(span, problem, start)
+    slow = max(np.abs(np.roots([1.0, *-whole.coefficients[0]])))
+    assert slow > 0.97  # the aftermath looks like noise that drifts
+    np.testing.assert_allclose(pieces.coefficients[0], [0.9], atol=0.03)
+    assert pieces.sigma == pytest.approx([0.02], rel=0.05)
+    assert not any(pieces.average)
+    forgets = replace(problem, adds_up=(False,))
+    (alone,) = temporary._noises_of_the_rest(span, forgets, start)
+    np.testing.assert_array_equal(alone.coefficients[0], whole.coefficients[0])
+    assert temporary._noises_of_the_rest(Span(), problem, start) == []
+
+
+def test_pieces_of_windows_without_a_span_are_windows():
+    problem = Problem(
+        make(), drive(60), np.zeros((60, 1)), cut([(slice(0, 60), 0)], 20, 8), Noise.white(np.ones(1))
+    )
+    acting = temporary._acting(Span(15 * DT, 42 * DT), problem)
+    pieces = temporary._without(acting, problem)
+    assert list(zip(pieces.first, pieces.last, strict=True)) == [(0, 15), (42, 60)]
+    assert pieces.fresh.all()
+    assert pieces.began.tolist() == [0, 0]
+
+
 @pytest.mark.parametrize(
     ("codes", "gain", "may"),
     [

@@ -294,8 +294,10 @@ def _looked_into_parts(
         searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
     found = judge(searched, structure, settings)
     if found is not None:
-        # what acts for half of the time bends the quieter half too, so no stretch of it need stand out
-        may_pass = found.verdict == "unknown" or may_stand_in(found.best.effects, searched)
+        # what acts for half of the time bends the quieter half too, and what an integrator adds up is as loud
+        # before as after, so no stretch of it need stand out
+        names_leave_some = found.verdict == "unknown" or found.left != NOTHING_SEEN
+        may_pass = names_leave_some or may_stand_in(found.best.effects, searched)
         parts = large_parts if may_pass else sessions_of
         spans = parts(searched.problem, stretches.residual)
         in_part = search_in_spans(spans, stretches.p, searched, structure, settings)

@@ -20,6 +20,7 @@ from narx_sklearn.discrepancy.search.explain import IN_REACH, Step, refit_leader
 from narx_sklearn.discrepancy.search.lookalikes import likeliest
 from narx_sklearn.discrepancy.search.ranking import gains, with_nearest, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import (
     Searched,
@@ -83,7 +84,12 @@ def search_in_spans(
     always = before.pool
     named = bool(always) and before.p_value <= settings.alpha
     rival = likeliest(always, refitted.cost) if named else None
-    looks = (_found_in(span, problem, base, rival, structure, settings) for base in bases for span in spans)
+    looks = (
+        _found_in(span, problem.with_noise(noise), base, rival, structure, settings)
+        for base in bases
+        for span in spans
+        for noise in _noises_of_the_rest(span, problem, base)
+    )
     found = min((f for f in looks if f is not None), key=lambda f: f.value, default=None)
     if found is None:
         return None
@@ -208,28 +214,57 @@ def large_parts(problem: Problem, residual: np.ndarray) -> list[Span]:
     return [halves[0], Span(first + quarter, last - quarter), halves[1], *sessions_of(problem, residual)]
 
 
+def _acting(span: Span, problem: Problem) -> np.ndarray:
+    """Tell which samples lie in a span, (n_windows, n_samples)."""
+    return problem.inside & span.holds(problem.rows, problem.windows.began[:, None], problem.simulator.dt)
+
+
+def _without(acting: np.ndarray, problem: Problem) -> Windows:
+    """Return what is left of the windows without some of their samples, each piece a window of its own."""
+    flanks = np.diff(np.pad(problem.inside & ~acting, ((0, 0), (1, 1))).astype(int), axis=1)
+    of, begins = np.nonzero(flanks > 0)
+    _, stops = np.nonzero(flanks < 0)
+    first, began = problem.windows.first[of], problem.windows.began[of]
+    return Windows(first + begins, first + stops, np.ones(of.size, dtype=bool), began)
+
+
+def _noises_of_the_rest(span: Span, problem: Problem, base: Model) -> list[Noise]:
+    """Return the noise of what lies outside a span; none where that is too little.
+
+    Where an integrator remembers what acted, all later samples are off, which looks like noise that drifts.
+    There the noise of the pieces before and after, each with states of its own, is told too: the first hides
+    less of what goes to and fro, the second less of what pushes one way.
+    """
+    acting = _acting(span, problem)
+    quiet = problem.seen & ~acting[:, :, None]
+    if quiet.sum() < (1 - MOST) * problem.seen.sum():
+        return []
+    whole = estimate_noise(np.where(quiet, problem.left_over(base), 0.0), quiet)
+    if not any(problem.adds_up):
+        return [whole]
+    rest = problem.over(_without(acting, problem))
+    at_first = np.nan_to_num(problem.run(base).x[rest.windows.first])
+    found = fit(rest, base._replace(x0=at_first), iterations=SETTLED)
+    if not np.isfinite(found.cost):
+        return [whole]
+    return [whole, estimate_noise(rest.left_over(found.model), rest.seen)]
+
+
 def _found_in(
     span: Span,
-    problem: Problem,
+    own: Problem,
     base: Model,
     always: Candidate | None,
     structure: Structure,
     settings: Settings,
 ) -> InSpan | None:
-    """Fit the effects that explain most in a span of time, under the noise of the rest.
+    """Fit the effects that explain most in a span of time, under the problem's own noise, that of the rest.
 
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
-    began = problem.windows.began[:, None]
-    acting = problem.inside & span.holds(problem.rows, began, problem.simulator.dt)
-    quiet = problem.seen & ~acting[:, :, None]
-    if quiet.sum() < (1 - MOST) * problem.seen.sum():
-        return None
-    left = np.where(quiet, problem.left_over(base), 0.0)
-    own = problem.with_noise(estimate_noise(left, quiet))
     start = fit_states(own, base)
     rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
-    if rival is not None and _left_outside(acting.any(axis=1), start) > rival:
+    if rival is not None and _left_outside(_acting(span, own).any(axis=1), start) > rival:
         return None
     hypotheses = [
         h._replace(placed=h.placed.acting(span))
