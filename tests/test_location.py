@@ -9,7 +9,14 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
-from narx_sklearn.discrepancy.location import _features, _noticeable, _slope, _spectra, slopes_of_ends, widened
+from narx_sklearn.discrepancy.location import (
+    _features,
+    _noticeable,
+    _slope,
+    _spectra,
+    slopes_of_ends,
+    widened,
+)
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut

@@ -312,10 +312,10 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
 
 
 def _noticeable(argument: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return what tells where a change of a signal lives, and from which size on: its slope, where it has one.
+    """Return what tells where a change of a signal lives, its slope if it has one, and from which size on.
 
-    A signal that loses its gain little by little does so where a fifth of it is gone, or half of the most that
-    the record shows.
+    A signal that loses its gain little by little does so where a fifth of it is gone, or half of the most
+    that the record shows.
     """
     slope = _slope(argument, added)
     if slope is None:

@@ -264,7 +264,7 @@ def _found_in(
     """
     start = fit_states(own, base)
     rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
-    if rival is not None and _left_outside(_acting(span, own).any(axis=1), start) > rival:
+    if rival is not None and _left_outside(np.any(_acting(span, own), axis=1), start) > rival:
         return None
     hypotheses = [
         h._replace(placed=h.placed.acting(span))
