@@ -84,6 +84,26 @@ def test_what_comes_when_an_input_moves_and_what_is_frequent_is_no_spike(noise):
     assert spikes_in(noise).size == 0
 
 
+def test_what_comes_where_the_machine_moves_most_is_a_blow_and_no_failure(noise):
+    motion = 30.0 * np.sin(2 * np.pi * np.arange(N) / 500)
+    far = np.abs(motion) > 24.0
+    rng = np.random.default_rng(5)
+    blows = rng.choice(np.flatnonzero(far), 15, replace=False)
+    failures = rng.choice(N, 15, replace=False)
+
+    def told(at):
+        signal = noise + motion
+        left = noise.copy()
+        for wave in (signal, left):
+            wave[at] += 40.0
+        found = find_spikes(signal[:, None], lambda: left[:, None], QUIET, WHOLE)
+        return np.flatnonzero(found).tolist()
+
+    assert told(blows) == []
+    assert told(failures) == sorted(failures)
+    assert told(blows[:3]) == sorted(blows[:3])  # three may be there by chance
+
+
 def test_gaps_and_the_edges_of_pieces_are_stood(noise):
     noise[[0, 700, 1999]] += 40.0
     noise[100:140] = np.nan

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.stats import mannwhitneyu, norm
 
 from narx_sklearn._validation import true_runs
 from narx_sklearn.discrepancy.records.finding import DataFinding
@@ -19,6 +19,7 @@ FALSE_ALARM = 0.01  # chance that Gaussian noise, of whatever colour, leaps so f
 MOST = 0.02  # share of the samples; more is no failure of single ones
 SHOWN = 5  # of them
 WITH_INPUT = 2.0  # times the usual move of an input, with which what looks like spikes goes along with it
+BY_CHANCE = 0.001  # that failures of a sensor come where its machine moves more than elsewhere
 
 
 def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.ndarray, pieces) -> np.ndarray:
@@ -26,7 +27,8 @@ def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.nd
 
     What a machine does lasts for some samples, and what a simulation lacks does so; a loose contact need not.
     Where samples of the record itself stand out, the decision is made on what the refitted simulation leaves.
-    None is told where they come when an input moves, or where they are many.
+    None is told where they come when an input moves or where the machine moves more than elsewhere, as blows in
+    a gap do, or where they are many.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.nd
     left = left_by_refit()
     for j in suspects:
         spikes = _standing_out(left[:, j], pieces, FAR)
-        if spikes.sum() <= MOST * np.isfinite(y[:, j]).sum() and not _come_with_input(spikes, u):
+        few = spikes.sum() <= MOST * np.isfinite(y[:, j]).sum()
+        if few and not _come_with_input(spikes, u) and not _come_with_motion(spikes, y[:, j], pieces):
             found[:, j] = spikes
     return found
 
@@ -116,6 +119,25 @@ def _come_with_input(spikes: np.ndarray, u: np.ndarray) -> bool:
         if latest.mean() > 0 and latest[at].mean() > WITH_INPUT * latest.mean():
             return True
     return False
+
+
+def _come_with_motion(spikes: np.ndarray, signal: np.ndarray, pieces: Sequence[slice]) -> bool:
+    """Tell whether a signal is further from its mean around the spikes than around other samples.
+
+    Of spikes that are near to each other one counts.
+    """
+    others = np.where(spikes, np.nan, signal)
+    squares, motion = (others - np.nanmean(others)) ** 2, np.full(signal.size, np.nan)
+    width = 2 * AROUND + 1
+    for piece in pieces:
+        motion[piece] = pd.Series(squares[piece]).rolling(width, center=True, min_periods=2).mean()
+    known = np.isfinite(motion)
+    at = np.flatnonzero(spikes & known)
+    apart = at[np.diff(at // width, prepend=-1) > 0]
+    if not apart.size:
+        return False
+    elsewhere = motion[known & ~spikes]
+    return bool(mannwhitneyu(motion[apart], elsewhere, alternative="greater").pvalue < BY_CHANCE)
 
 
 def spikes_as_findings(spikes: np.ndarray, outputs: Sequence[Signal]) -> list[DataFinding]:

@@ -376,10 +376,12 @@ def _clustering(z: np.ndarray) -> np.ndarray:
 def _loud(problem: Problem, e: np.ndarray, place: np.ndarray) -> tuple[str, float]:
     """Return the times of the loudest bursts of innovations e (n, n_outputs) in words, and their excess.
 
-    The excess is that of their squares over noise, in variances of the noise.
+    The excess is that of their squares over ordinary ones. It is counted as costs are, in variances of the
+    problem's noise: what comes in bursts has made that larger than what is ordinary.
     """
     length = BURSTS[1]
     typical = np.median(np.abs(e), axis=0) / MEDIAN
+    excess = np.convolve(np.sum(e**2 - typical**2, axis=1), np.ones(length), mode="same")
     power = np.sum((e / np.where(typical > 0, typical, np.inf)) ** 2 - 1.0, axis=1)
     spread = np.sqrt(2 * length * e.shape[1])
     means = np.convolve(power, np.ones(length) / spread, mode="same")
@@ -388,7 +390,7 @@ def _loud(problem: Problem, e: np.ndarray, place: np.ndarray) -> tuple[str, floa
     while len(times) < MOST_TOLD and means.max() > LOUD:
         k = int(np.argmax(means))
         times.append(problem.rows.ravel()[place[k]] * problem.simulator.dt)
-        gain += float(means[k]) * spread
+        gain += float(excess[k])
         means[max(k - length, 0) : k + length] = 0.0
     return (" round " + ", ".join(in_seconds(t, 4) for t in sorted(times)) if times else ""), gain
 
