@@ -30,7 +30,7 @@ def make_stage(gain=1.0, damping=0.9, stiffness=36.0):
 
 def spikes_in(signal, u=QUIET, pieces=WHOLE):
     """Return where spikes are found in what a simulation leaves, if the record is all of that."""
-    return np.flatnonzero(find_spikes(signal[:, None], lambda: signal[:, None], u, pieces))
+    return np.flatnonzero(find_spikes(signal[:, None], lambda: (signal[:, None], pieces), u, pieces))
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_what_comes_where_the_machine_moves_most_is_a_blow_and_no_failure(noise)
         left = noise.copy()
         for wave in (signal, left):
             wave[at] += 40.0
-        found = find_spikes(signal[:, None], lambda: left[:, None], QUIET, WHOLE)
+        found = find_spikes(signal[:, None], lambda: (left[:, None], WHOLE), QUIET, WHOLE)
         return np.flatnonzero(found).tolist()
 
     assert told(blows) == []
@@ -110,6 +110,18 @@ def test_gaps_and_the_edges_of_pieces_are_stood(noise):
     pieces = [slice(0, 690), slice(700, N)]
     assert spikes_in(noise, pieces=pieces).tolist() == [0, 700, 1999]
     assert spikes_in(np.full(N, np.nan)).size == 0
+
+
+def test_where_a_window_begins_what_is_left_leaps(noise):
+    signal = 3.0 * noise + 300.0 * np.sin(np.arange(N) / 40)
+    signal[600] += 120.0  # looked at for this one
+    left = 3.0 * noise
+    left[600] += 120.0
+    left[1000:1004] += 100.0 * 0.3 ** np.arange(4)  # a state that a window begins with wrong
+    windows = [slice(0, 1000), slice(1000, N)]
+    for pieces, told in ((WHOLE, [600, 1000]), (windows, [600])):
+        found = find_spikes(signal[:, None], lambda: (left[:, None], pieces), QUIET, WHOLE)  # noqa: B023
+        assert np.flatnonzero(found).tolist() == told
 
 
 def test_a_record_in_which_nothing_stands_out_is_not_refitted(noise):

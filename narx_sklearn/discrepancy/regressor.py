@@ -592,9 +592,10 @@ def _find_spikes(simulator: Simulator, u, y, sessions, settings: Settings) -> np
     """Tell which samples, (n_samples, n_outputs), are no measurements."""
     pieces = pieces_of(u, sessions)
 
-    def left_by_refit() -> np.ndarray:
+    def left_by_refit() -> tuple[np.ndarray, list[slice]]:
         problem, refitted, *_ = begin(simulator, u, y, pieces, settings)
-        return y - problem.run(refitted.model).y
+        windows = list(map(slice, problem.windows.first.tolist(), problem.windows.last.tolist()))
+        return y - problem.run(refitted.model).y, windows
 
     return find_spikes(y, left_by_refit, u, [piece for piece, _ in pieces])
 

@@ -22,18 +22,21 @@ WITH_INPUT = 2.0  # times the usual move of an input, with which what looks like
 BY_CHANCE = 0.001  # that failures of a sensor come where its machine moves more than elsewhere
 
 
-def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.ndarray, pieces) -> np.ndarray:
+def find_spikes(
+    y: np.ndarray, left_by_refit: Callable[[], tuple[np.ndarray, list[slice]]], u: np.ndarray, pieces
+) -> np.ndarray:
     """Tell which samples (n_samples, n_outputs) stand alone, far off what was measured before and after.
 
     What a machine does lasts for some samples, and what a simulation lacks does so; a loose contact need not.
     Where samples of the record itself stand out, the decision is made on what the refitted simulation leaves.
-    None is told where they come when an input moves or where the machine moves more than elsewhere, as blows in
-    a gap do, or where they are many.
+    None is told where they come when an input moves, or where the machine moves more than elsewhere as blows
+    in a gap do, or where they are many.
 
     Parameters
     ----------
     left_by_refit : callable
-        Returns what the refitted simulation leaves, (n_samples, n_outputs), NaN where it was not run.
+        Returns what the refitted simulation leaves, (n_samples, n_outputs), NaN where it was not run, and the
+        windows that it was run over: where one begins, what is left leaps.
     pieces : iterable of slice
         Stretches without gaps.
     """
@@ -42,9 +45,9 @@ def find_spikes(y: np.ndarray, left_by_refit: Callable[[], np.ndarray], u: np.nd
     suspects = [j for j in range(y.shape[1]) if _standing_out(y[:, j], pieces, SUSPECT).any()]
     if not suspects:
         return found
-    left = left_by_refit()
+    left, windows = left_by_refit()
     for j in suspects:
-        spikes = _standing_out(left[:, j], pieces, FAR)
+        spikes = _standing_out(left[:, j], windows, FAR)
         few = spikes.sum() <= MOST * np.isfinite(y[:, j]).sum()
         if few and not _come_with_input(spikes, u) and not _come_with_motion(spikes, y[:, j], pieces):
             found[:, j] = spikes
