@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.foretold import are_foretelling, share_foretold
 from narx_sklearn.discrepancy.stages.unforeseen import (
     ADDED,
     FACTOR,
@@ -225,6 +226,33 @@ def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):
         assert not leave_little(problem, seen, *candidates)
         leading = which_leads(problem, seen, *candidates, structure, LEVEL)
         assert (leading is None) == is_told
+
+
+@pytest.mark.parametrize(
+    ("hidden", "code", "theta", "weights", "is_told"),
+    [
+        ("friction", "coulomb_friction", (0.2,), (0.0, 1.0), True),
+        ("load", "periodic_disturbance", (0.1, 2.0, 0.0), (), False),
+        ("load", "cubic_stiffness", (0.1,), (1.0, 0.0), False),
+    ],
+)
+def test_laws_foretell_the_other_half_and_stand_ins_do_not(rng, hidden, code, theta, weights, is_told):
+    acting = 0.3 if hidden == "friction" else wandering(rng, 40, 0.15)
+    u, y = record(rng, **{hidden: acting})
+    law = PlacedEffect(CATALOGUE[code], Port("state", 1), weights, theta=theta)
+    problem, alone, _ = fitted(u, y)
+    _, told, _ = fitted(u, y, (law,))
+    assert told.cost < alone.cost
+    assert are_foretelling(problem, alone.model, told.model) is is_told
+
+
+def test_one_window_foretells_nothing(rng):
+    u, y = record(rng, 600, friction=0.3)
+    simulator = make_oscillator()
+    problem = Problem(simulator, u, y, cut([(slice(0, 600), 0)], 600, 8), Noise.white(np.ones(1)))
+    base = Model(simulator.nominal, (), np.zeros((1, 2)))
+    assert np.isnan(share_foretold(problem, base, base))
+    assert not are_foretelling(problem, base, base)
 
 
 @pytest.fixture(scope="module")

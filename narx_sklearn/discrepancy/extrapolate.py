@@ -1,6 +1,5 @@
 """From quiet motion to loud: what was found, fitted to the quieter windows and run over the louder ones."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +89,7 @@ def extrapolate(
         _begun(diagnosis.problem, model, problem)
         for model in (diagnosis.nominal.model, diagnosis.refitted.model, corrected)
     )
-    quiet, loud = (_only(problem, windows) for windows in (amplitudes.quiet, amplitudes.loud))
+    quiet, loud = (problem.only(windows) for windows in (amplitudes.quiet, amplitudes.loud))
     n_fitted = corrected.q.size + amplitudes.quiet.sum() * problem.simulator.free_states.sum()
     if quiet.n_seen < PER_PARAMETER * n_fitted:
         return nothing
@@ -125,15 +124,6 @@ def _begun(whole: Problem, model: Model, problem: Problem) -> Model:
     """Return a model whose windows begin with the states that it visits over those of the whole problem."""
     x0 = whole.run(model).x[problem.windows.first]
     return model._replace(x0=np.where(np.isfinite(x0), x0, 0.0))
-
-
-def _only(problem: Problem, windows: np.ndarray) -> Problem:
-    """Return the problem with what was measured in some windows alone; the others lead to them."""
-    y = problem.y.copy()
-    own = problem.windows
-    for a, b in zip(own.first[~windows], own.last[~windows], strict=True):
-        y[a:b] = np.nan
-    return replace(problem, y=y)
 
 
 def _errors(problem: Problem, model: Model) -> Errors:

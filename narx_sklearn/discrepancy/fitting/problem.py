@@ -83,6 +83,13 @@ class Problem:
         """Return the problem over other windows."""
         return replace(self, windows=windows)
 
+    def only(self, windows: np.ndarray) -> "Problem":
+        """Return the problem with what was measured in some windows alone; the others lead to them."""
+        y = self.y.copy()
+        for first, last in zip(self.windows.first[~windows], self.windows.last[~windows], strict=True):
+            y[first:last] = np.nan
+        return replace(self, y=y)
+
     @cached_property
     def measured_x0(self) -> tuple[np.ndarray, ...]:
         """Initial states of the windows as the record may tell them, (n_windows, n_states) each; else NaN."""

@@ -6,6 +6,6 @@ given), ``coloured_search`` looks for what it lacks, ``stretches`` (by ``trimmed
 ``judgement`` says what that comes to, with ``naming``, ``swaps`` and ``fading``, in ``plain`` numbers:
 what speaks against names (``refuted``, beside their own ``forms``), what has none (``unnamed``,
 ``powers``, ``laws``; ``knots``) and goes with it (``told_law``), which parameter is no constant
-(``varying``), what follows no signal (``unforeseen``), and whether the rest is noise (``remainder``,
-``followed``, ``pulse``).
+(``varying``), what follows no signal (``unforeseen``; ``foretold``), and whether the rest is noise
+(``remainder``, ``followed``, ``pulse``).
 """
