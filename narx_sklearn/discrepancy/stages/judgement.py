@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.search.lookalikes import REFINES, declared_rival, 
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
+from narx_sklearn.discrepancy.stages.foretold import are_foretelling
 from narx_sklearn.discrepancy.stages.forms import FORM, own_forms
 from narx_sklearn.discrepancy.stages.naming import named_by_reach, named_set
 from narx_sklearn.discrepancy.stages.powers import with_another_power
@@ -106,8 +107,9 @@ def judged(
         return Judgement("unknown", best, alternatives, nearest, stand_in=True)
     forms = cache(partial(own_forms, problem, best, structure, settings.n_jobs))  # asked for once, if at all
     signs = left_that_is_no_noise(problem, refitted, best, structure, settings, forms)
-    if any(sign.gain > refitted.cost - best.fit.cost for sign in signs):
-        # the names took off less than they leave: they are not even near to it
+    took_less = any(sign.gain > refitted.cost - best.fit.cost for sign in signs)
+    if took_less and not are_foretelling(problem, refitted.model, best.fit.model):
+        # the names took off less than they leave, and foretell nothing: they are not even near to it
         nothing = Candidate(refitted, problem.n_seen)
         return Judgement("unknown", nothing, (), unnamed, stand_in=True, against_noise=signs)
     if signs or only_stand_in(problem, refitted, best, unnamed, leftover, structure, settings, forms):
