@@ -214,7 +214,7 @@ class TestSigns:
 
     @pytest.mark.parametrize("n_outputs", [1, 2, 6])
     def test_what_bursts_hold_is_their_excess_over_ordinary_noise_counted_as_costs_are(self, n_outputs):
-        ordinary = np.linspace(1.0, 0.2, n_outputs)  # of the noise that the cost is counted in: bursts made it
+        ordinary = np.linspace(1.0, 0.2, n_outputs)  # of the noise that costs are counted in: bursts made it
         e = np.random.default_rng(2).normal(size=(N, n_outputs)) * ordinary
         struck = np.zeros(N, dtype=bool)
         struck[600:616] = struck[1400:1416] = True

@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import unforeseen
 from narx_sklearn.discrepancy.stages.foretold import are_foretelling, share_foretold
 from narx_sklearn.discrepancy.stages.unforeseen import (
     ADDED,
@@ -352,3 +353,22 @@ def test_steps_beside_it_are_as_long_as_they_help(rng, factor):
     found, seen = fitted_beside(problem, far, seen)
     assert (np.abs(found.model.p - (4.4, 1.2, 19.0)) < 4 * seen.errors[:3]).all()
     assert found.model.effects[0].theta[0] == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_step_with_which_a_run_diverges_is_not_taken(rng, monkeypatch):
+    u, y = record(rng, 800, load=wandering(rng, 40, 0.15, 800))
+    problem, alone, structure = fitted(u, y)
+    seen = look_for_unforeseen(problem, alone.model, structure)
+    far = fit_states(problem, alone.model.with_q(alone.model.q * (1.0, 1.0, 1.3)))
+    asked = []
+
+    def astray(problem, model):
+        asked.append(model.p[2])
+        wild = model if len(asked) % 2 == 0 else model.with_q(model.q * (1.0, 1e4, 1.0))
+        return fit_states(problem, wild)
+
+    monkeypatch.setattr(unforeseen, "fit_states", astray)
+    found, _ = fitted_beside(problem, far, seen)
+    assert len(asked) >= 2
+    assert np.isfinite(found.cost)
+    assert found.cost < far.cost

@@ -200,6 +200,8 @@ def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tu
         if np.all(np.abs(refined.move) <= NO_STEP * refined.errors):
             break
         for at in map(stepped, SHARES):
+            if not np.isfinite(at.cost):  # too long a step may go where the simulation diverges
+                continue
             deviance, further = judged(at)
             if deviance < least:
                 break
