@@ -11,16 +11,18 @@ from narx_sklearn.discrepancy.locate import features, inside, regions
 from narx_sklearn.discrepancy.locate.features import plain
 from narx_sklearn.discrepancy.location import (
     _features,
-    _noticeable,
+    _shown,
     _slope,
     _spectra,
     slopes_of_ends,
     widened,
 )
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Signal
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.trimmed import trimmed
+from narx_sklearn.physics.effects import CATALOGUE
 
 GAP, LIMIT, DEAD = 0.25, 2.5, 0.8
 
@@ -122,12 +124,19 @@ def test_what_a_curve_of_a_signal_adds_is_told_by_its_slope():
 @pytest.mark.parametrize("reach", [3.0, 0.4])
 def test_a_rounded_corner_lies_where_a_fifth_of_the_gain_is_gone_or_half_of_what_is_seen_to_go(reach):
     u = np.linspace(-reach, reach, 2001)
-    slope, least = _noticeable(u, np.tanh(u) - u)  # the gain is 1 - tanh(u)**2
-    lost = np.tanh(u) ** 2
+    limit = PlacedEffect(CATALOGUE["input_saturation"], Port("input", 0))
+    names = "drive [V]", "|drive [V]|", "time since reversal of drive [s]", "position [m]"
+    table = pd.DataFrame(dict.fromkeys(names, u))
+    slope, floor, telling = _shown(make(stage, 1.0, 0.8, 12.0), limit, u, np.tanh(u) - u, table)
+    lost = np.tanh(u) ** 2  # the gain is 1 - tanh(u)**2
     np.testing.assert_allclose(-slope, lost, atol=2e-3)
-    assert least == pytest.approx(min(0.2, 0.5 * lost.max()), rel=0.02)
+    assert floor == pytest.approx(min(0.2, 0.5 * lost.max()) ** 2, rel=0.03)
+    assert list(telling) == ["drive [V]", "|drive [V]|"]
     echo = np.roll(u, 7) - u  # no curve of the signal: half of the most that is added
-    assert _noticeable(np.round(u), echo)[1] == 0.5 * np.abs(echo).max()
+    shown, floor, telling = _shown(make(stage, 1.0, 0.8, 12.0), limit, np.round(u), echo, table)
+    np.testing.assert_array_equal(shown, echo)
+    assert floor == (0.5 * np.abs(echo).max()) ** 2
+    assert list(telling) == list(names)
 
 
 def gated(n=4000, start=1500, stop=2600):
@@ -265,6 +274,7 @@ def test_a_signal_called_after_a_rate_is_a_signal():
     table = features(rudder[:, None], turning[:, None], 0.1, **signals)
     names = ["rudder [rad]", "rate of turn [rad/s]", "|rudder [rad]|", "|rate of turn [rad/s]|"]
     assert plain(table).columns.tolist() == names
+    assert plain(table[names[:1]]).columns.tolist() == names[:1]
     assert plain(pd.DataFrame({"a": turning})).columns.tolist() == ["a"]
 
 

@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.locate import (
     stated_regions,
     tangent,
 )
-from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, Windows
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
@@ -201,16 +201,13 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
     found = []
     for index, placed in enumerate(model.effects):
         at, argument, added = correction(problem, model, run, index, rows, MOST_ACTING)
-        floor = 0.0
-        if placed.port.kind != "state":
-            added, least = _noticeable(argument, added)
-            floor = least**2
         inside = slice(int(at[0]), int(at[-1]) + 1)
         table = _features(problem.simulator, problem.u, run.x, problem.windows, inside)
         table = table.iloc[at - inside.start]
-        rules = _stated(diagnosis, index, added, table)
+        shown, floor, telling = _shown(problem.simulator, placed, argument, added, table)
+        rules = _stated(diagnosis, index, shown, table)
         if rules is None or rules.empty:
-            rules = regions(added, table, floor=floor, noise_free=True)
+            rules = regions(shown, telling, floor=floor, noise_free=True)
         found.append(rules.assign(effect=placed.effect.code))
     some = [rules for rules in found if len(rules)]
     return pd.concat(some, ignore_index=True) if some else found[0]
@@ -311,16 +308,26 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
     )
 
 
-def _noticeable(argument: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return what tells where a change of a signal lives, its slope if it has one, and from which size on.
+def _shown(
+    simulator: Simulator, placed: PlacedEffect, argument: np.ndarray, added: np.ndarray, table: pd.DataFrame
+) -> tuple[np.ndarray, float, pd.DataFrame]:
+    """Return what shows where an effect acts, the variance from which on it does, and features that tell it.
 
-    A signal that loses its gain little by little does so where a fifth of it is gone, or half of the most
-    that the record shows.
+    A curve of a signal acts where it has a slope, and its own signal tells that: where few samples lie,
+    another may by chance. A signal that loses its gain little by little does so where a fifth of it is gone,
+    or half of the most that the record shows.
     """
+    port = placed.port
+    if port.kind == "state":
+        return added, 0.0, table
     slope = _slope(argument, added)
+    shown = added if slope is None else slope
+    half = NOTICEABLE * float(np.abs(shown).max())
     if slope is None:
-        return added, NOTICEABLE * float(np.abs(added).max())
-    return slope, min(LOST, NOTICEABLE * float(np.abs(slope).max()))
+        return shown, half**2, table
+    signal = simulator.signals_at(port.kind)[port.index]
+    own = [column for column in (f"{signal}", f"|{signal}|") if column in table]
+    return shown, min(LOST, half) ** 2, table[own] if own else table
 
 
 def _slope(argument: np.ndarray, added: np.ndarray) -> np.ndarray | None:

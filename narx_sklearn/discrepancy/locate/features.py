@@ -78,7 +78,7 @@ def features(
 
 def plain(table: pd.DataFrame) -> pd.DataFrame:
     """Return the features that are signals or their sizes; all where nothing is known of them."""
-    return table[table.attrs.get(PLAIN, list(table.columns))]
+    return table[[column for column in table.attrs.get(PLAIN, table.columns) if column in table]]
 
 
 def _label(what: str, name: str, unit: str) -> str:
