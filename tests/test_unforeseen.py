@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from small_machines import make_oscillator
+from small_machines import make_oscillator, oscillator
 
 from narx_sklearn import write_report
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
@@ -245,6 +245,19 @@ def test_laws_foretell_the_other_half_and_stand_ins_do_not(rng, hidden, code, th
     _, told, _ = fitted(u, y, (law,))
     assert told.cost < alone.cost
     assert are_foretelling(problem, alone.model, told.model) is is_told
+    # a second reading in another unit, far larger and of nothing but noise, changes nothing
+    noisy = 1e6 * rng.normal(size=u.shape)
+    simulator = ODESimulator(
+        oscillator,
+        dt=DT,
+        parameters=dict(zip(("gain", "damping", "stiffness"), problem.simulator.nominal, strict=True)),
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        output=lambda x, u, p: (x[0], 0.0 * x[0]),
+        outputs=["position [m]", "hum [um]"],
+    )
+    both = Problem(simulator, u, np.hstack([y, noisy]), problem.windows, Noise.white(np.array([SIGMA, 1e6])))
+    assert are_foretelling(both, alone.model, told.model) is is_told
 
 
 def test_one_window_foretells_nothing(rng):

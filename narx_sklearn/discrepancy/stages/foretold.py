@@ -20,8 +20,9 @@ def are_foretelling(problem: Problem, base: Model, told: Model) -> bool:
 def share_foretold(problem: Problem, base: Model, told: Model) -> float:
     """Return the share of squares that laws take off in the half of a record that they were not fitted to.
 
-    Both models are fitted to either half, and judged on the other with its initial states alone. Below zero
-    where laws leave more; NaN where there are no two halves, or a run diverges.
+    Both models are fitted to either half, and judged on the other with its initial states alone; outputs
+    count in deviations of their noise. Below zero where laws leave more; NaN where there are no two halves,
+    or a run diverges.
 
     Parameters
     ----------
@@ -37,5 +38,6 @@ def share_foretold(problem: Problem, base: Model, told: Model) -> float:
             return np.nan
         for k, model in enumerate((base, told)):
             found = fit_states(judged, fit(fitted, model).model)
-            left[k] += np.sum(judged.left_over(found.model) ** 2) if np.isfinite(found.cost) else np.nan
+            off = judged.left_over(found.model) / problem.noise.sigma
+            left[k] += np.sum(off**2) if np.isfinite(found.cost) else np.nan
     return float(1.0 - left[1] / left[0])
