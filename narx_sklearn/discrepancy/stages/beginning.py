@@ -211,7 +211,7 @@ def _grown(problem: Problem, shorter: list[Windows], structure: Structure, x: np
     found = fit_where_followed(now, _as_it_stands(now, structure, x))
     for windows in (*shorter[1:], problem.windows):
         longer = problem.over(windows)
-        found = fit_where_followed(longer, found.model._replace(x0=states_at(now, found, windows)))
+        found = fit_where_followed(longer, found.model._replace(x0=states_at(now, found.model, windows)))
         now = longer
     return found
 
@@ -226,7 +226,7 @@ def _shortened(
     """
     for windows in reversed(shorter):
         part = problem.over(windows)
-        led = fit(part, found.model._replace(x0=states_at(problem, found, windows)))
+        led = fit(part, found.model._replace(x0=states_at(problem, found.model, windows)))
         from_afar = fit_where_followed(part, _as_it_stands(part, structure, x))
         if from_afar.cost <= TRAPPED * led.cost:
             break
@@ -252,7 +252,7 @@ def _lengthened(begun: _Fitted, windows: Windows) -> _Fitted:
     if windows.count >= problem.windows.count:
         return begun
     longer = problem.over(windows)
-    refitted = fit(longer, found.model._replace(x0=states_at(problem, found, windows)))
+    refitted = fit(longer, found.model._replace(x0=states_at(problem, found.model, windows)))
     left, noise = (residual_deviation(p, f.residual) for p, f in ((longer, refitted), (problem, found)))
     more = left**2 - noise**2  # than short windows leave, which is mostly noise
     follows = np.all(more < (FOLLOWS * np.nanstd(problem.y, axis=0)) ** 2)
@@ -265,9 +265,9 @@ def _no_worse_than_given(problem: Problem, refitted: Fit) -> Fit:
     return fit(problem, nominal.model) if nominal.cost < refitted.cost else refitted
 
 
-def states_at(problem: Problem, found: Fit, windows: Windows) -> np.ndarray:
-    """Return the states with which other windows begin, from the run of a fit, or else as measured."""
-    x = problem.run(found.model).x[windows.first]
+def states_at(problem: Problem, model: Model, windows: Windows) -> np.ndarray:
+    """Return the states with which other windows begin, from the run of a model, or else as measured."""
+    x = problem.run(model).x[windows.first]
     known = problem.simulator.known_states(problem.u, problem.y, windows.first)
     return np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
 

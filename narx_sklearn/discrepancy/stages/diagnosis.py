@@ -31,7 +31,6 @@ from narx_sklearn.discrepancy.stages.beginning import (
 )
 from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
 from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
-from narx_sklearn.discrepancy.stages.foretold import are_foretelling
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.plain import (
@@ -213,7 +212,7 @@ def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
         return False
     long = found.problem.with_noise(Noise.white(found.problem.noise.sigma))
     model = shorter.best.fit.model
-    x0 = states_at(shorter.problem, shorter.best.fit, long.windows)
+    x0 = states_at(shorter.problem, model, long.windows)
     left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
     return left[0] < left[1]
 
@@ -396,8 +395,6 @@ def _unless_unforeseen(
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None or (leading[0] is told and follows):
-            return by_law, p_missing
-        if leading[0] is base and are_foretelling(problem, refitted.model, told.fit.model):
             return by_law, p_missing
         base, seen = leading
     beside, seen = fitted_beside(problem, base.fit, seen)

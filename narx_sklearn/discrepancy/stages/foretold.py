@@ -1,5 +1,7 @@
 """Do laws foretell what is missing from one half of a record in the other? Stand-ins do not."""
 
+from itertools import permutations
+
 import numpy as np
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
@@ -31,11 +33,11 @@ def share_foretold(problem: Problem, base: Model, told: Model) -> float:
     """
     count = problem.windows.count
     half = np.arange(count) * HALVES // count
+    halves = [problem.only(half == k) for k in range(HALVES)]
+    if not all(part.seen.any() for part in halves):
+        return np.nan
     left = np.zeros(2)
-    for one in range(HALVES):
-        fitted, judged = problem.only(half == one), problem.only(half != one)
-        if not (fitted.seen.any() and judged.seen.any()):
-            return np.nan
+    for fitted, judged in permutations(halves):
         for k, model in enumerate((base, told)):
             found = fit_states(judged, fit(fitted, model).model)
             off = judged.left_over(found.model) / problem.noise.sigma

@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.search.ranking import gains, with_nearest, with_pu
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.beginning import states_at
 from narx_sklearn.discrepancy.stages.coloured_search import (
     Searched,
     converged,
@@ -243,8 +244,7 @@ def _noises_of_the_rest(span: Span, problem: Problem, base: Model) -> list[Noise
     if not any(problem.adds_up):
         return [whole]
     rest = problem.over(_without(acting, problem))
-    at_first = np.nan_to_num(problem.run(base).x[rest.windows.first])
-    found = fit(rest, base._replace(x0=at_first), iterations=SETTLED)
+    found = fit(rest, base._replace(x0=states_at(problem, base, rest.windows)), iterations=SETTLED)
     if not np.isfinite(found.cost):
         return [whole]
     return [whole, estimate_noise(rest.left_over(found.model), rest.seen)]

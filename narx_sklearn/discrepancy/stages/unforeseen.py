@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, DRIFTS
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.foretold import are_foretelling
 from narx_sklearn.discrepancy.stages.remainder import drifts_of, tangent_along
 from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
 
@@ -230,7 +231,8 @@ def which_leads(
 
     It acts beside the laws too. Where they do not pay for themselves then, nothing goes with it. Those that
     are right would: beside a machine that is disturbed they are worth their price as well. Where they are,
-    but it says more beside them than they do beside it, they go with it. Else they lead (None).
+    but it says more beside them than they do beside it, they go with it. Else they lead (None), as do laws
+    that foretell the other half of the record: next to no noise no law pays beside a course of its own.
 
     Parameters
     ----------
@@ -246,7 +248,7 @@ def which_leads(
         return None
     of_laws = unforeseen.deviance + base.price - beside.deviance - told.price
     if of_laws < CLEARER:
-        return base, unforeseen
+        return None if are_foretelling(problem, base.fit.model, told.fit.model) else (base, unforeseen)
     return (told, beside) if of_laws < beside.of_noise - beside.deviance else None
 
 
