@@ -1,6 +1,7 @@
 """What else it could be: the likeliest set, and the explanations that these data do not exclude."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -164,6 +165,111 @@ def is_special_case(special: Candidate, general: Candidate) -> bool:
     return any(code in e.effect.holds for e in general.effects for code in mine)
 
 
+def look_alikes(
+    problem: Problem,
+    best: Candidate,
+    others: list[Candidate],
+    tolerated: float,
+    starts: Mapping[tuple, np.ndarray],
+    unexplained: float = 0.0,
+) -> list[Candidate]:
+    """Return the candidates that are not clearly worse than the best, the best first.
+
+    A rival is clearly worse when its residual goes along with what the best would change in it: the score
+    of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
+    parameters projected out, with a variance from short blocks.
+
+    The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
+    worse than a form may be wrong by; what is the same law under another name stays however its form fits.
+    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, unless
+    noise would not do that and the best leaves less: where the rival's form is wrong no other law fits for
+    that. Nor is it excluded by a shape that the data do not feel, unless that takes off its price.
+    One that holds the best as a special case is not excluded by its further parameters while it fits as well
+    with an ordinary shape, far from that special case, unless only the best is at home: a ripple that came
+    to one wave a turn is a weight. If it came to the same run, nothing else keeps it but to be likelier
+    nevertheless by more than those parameters take off noise.
+
+    Parameters
+    ----------
+    tolerated : float
+        What a form may leave of the cost.
+    starts : mapping from places to ndarray of shape (n_starts, n_theta)
+        Ordinary parameter values of the effects, by places at which they always act.
+    unexplained : float
+        Cost without any effect.
+    """
+    beside = _Beside(problem, best, tolerated, starts, unexplained)
+    return [best, *(other for other in others if beside.stays(other))]
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """What the data say of rivals beside the best."""
+
+    problem: Problem
+    best: Candidate
+    tolerated: float
+    starts: Mapping[tuple, np.ndarray]
+    unexplained: float
+
+    @property
+    def unit(self) -> float:
+        """The variance of the noise."""
+        return self.best.fit.cost / self.best.n_samples
+
+    def stays(self, other: Candidate) -> bool:
+        """Tell whether a rival is not clearly worse."""
+        best, unit = self.best, self.unit
+        declared = declared_rival(best, other)
+        holds = declared is not None and is_special_case(best, other)
+        extra = max(other.n_values - best.n_values, 0)
+        worse = other.fit.cost - best.fit.cost
+        apart = float(np.sum((other.fit.residual - best.fit.residual) ** 2))
+        if holds and apart < SAME * max(extra, 1) * unit:
+            is_likelier = other.criterion < best.criterion and -worse > max(extra, 1) * unit
+            kept = is_likelier and not self._is_stranger(other)
+        elif self._is_hardly_worse(other, declared) or (extra == 0 and worse <= self._excused()):
+            kept = True
+        elif other.criterion - best.criterion > CERTAIN or (extra and -worse < DEARER * extra * unit):
+            kept = False
+        else:
+            kept = not self._lacks_the_best(other)
+        return kept or (holds and self._fits_with_an_ordinary_shape(other, declared))
+
+    def _is_hardly_worse(self, other: Candidate, declared: PlacedEffect | None) -> bool:
+        """Tell whether a rival is nearly as likely, or a look-alike whose form may be wrong by that much."""
+        is_as_likely = other.criterion - self.best.criterion <= HARDLY + unpaid(self.best, other)
+        if is_as_likely or declared is None:
+            return is_as_likely
+        return other.fit.cost - self.best.fit.cost <= self.tolerated or is_one_law(self.best, declared)
+
+    def _excused(self) -> float:
+        """Return what excludes no rival as simple, of the cost."""
+        explained = self.unexplained - self.best.fit.cost
+        return min(REFINES * explained, max(CERTAIN * self.unit, self.tolerated))
+
+    def _is_stranger(self, other: Candidate) -> bool:
+        return at_home(self.best) and not at_home(other)
+
+    def _fits_with_an_ordinary_shape(self, other: Candidate, effect: PlacedEffect) -> bool:
+        as_well = self.best.fit.cost + max(HARDLY * self.unit, self.tolerated)
+        if other.fit.cost > as_well or self._is_stranger(other):
+            return False
+        ordinary = self.starts.get(effect.always().place, np.empty((0, 0)))
+        return _least_cost(self.problem, other, effect, ordinary) <= as_well
+
+    def _lacks_the_best(self, other: Candidate) -> bool:
+        """Tell whether a rival's residual goes along with what the best would change in it."""
+        noise = self.best.fit.residual
+        n_outputs = self.problem.y.shape[1]
+        length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
+        change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
+        products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
+        score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
+        size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * self.unit
+        return score >= CLEARLY * np.sqrt(max(np.sum(products**2), size))
+
+
 def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, starts: np.ndarray) -> float:
     """Return the least cost of a candidate with one effect of ordinary shape, its size alone fitted.
 
@@ -184,78 +290,6 @@ def _least_cost(problem: Problem, candidate: Candidate, effect: PlacedEffect, st
         model = candidate.fit.model._replace(effects=(*effects[:at], effect.at(theta), *effects[at + 1 :]))
         costs.append(fit(problem, model, free=free, iterations=SETTLED).cost)
     return min(costs, default=np.inf)
-
-
-def look_alikes(
-    problem: Problem,
-    best: Candidate,
-    others: list[Candidate],
-    tolerated: float,
-    starts: Mapping[tuple, np.ndarray],
-    unexplained: float = 0.0,
-) -> list[Candidate]:
-    """Return the candidates that are not clearly worse than the best, the best first.
-
-    A rival is clearly worse when its residual goes along with what the best would change in it: the score
-    of the best's prediction in the rival's residual (Davidson and MacKinnon 1981), the rival's own
-    parameters projected out, with a variance from short blocks.
-
-    The catalogue's forms are idealised. Where that shows, what it declares a look-alike stays unless it fits
-    worse than a form may be wrong by; what is the same law under another name stays however its form fits.
-    Of what explains a great deal no rival with as few parameters is excluded by next to nothing of it, unless
-    noise would not do that and the best leaves less: where the rival's form is wrong no other law fits for
-    that. Nor is it excluded by a shape that the data do not feel, unless that takes off its price.
-    One that holds the best as a special case and came to the same run stays if it is likelier nevertheless
-    by more than its further parameters take off noise, or fits as well with an ordinary shape, far from that
-    special case, unless only the best is at home: a ripple that came to one wave a turn is a weight.
-
-    Parameters
-    ----------
-    tolerated : float
-        What a form may leave of the cost.
-    starts : mapping from places to ndarray of shape (n_starts, n_theta)
-        Ordinary parameter values of the effects, by places at which they always act.
-    unexplained : float
-        Cost without any effect.
-    """
-    kept = [best]
-    noise = best.fit.residual
-    n_outputs = problem.y.shape[1]
-    length = block_length(noise.shape[0], noise.shape[1] // n_outputs)
-    unit = best.fit.cost / best.n_samples
-    excused = min(REFINES * (unexplained - best.fit.cost), max(CERTAIN * unit, tolerated))
-    for other in others:
-        declared = declared_rival(best, other)
-        behind = other.criterion - best.criterion
-        extra = other.n_values - best.n_values
-        worse = other.fit.cost - best.fit.cost
-        apart = float(np.sum((other.fit.residual - noise) ** 2))
-        is_as_good = extra <= 0 and worse <= excused
-        if declared and is_special_case(best, other) and apart < SAME * max(extra, 1) * unit:
-            ordinary = starts.get(declared.always().place, np.empty((0, 0)))
-            is_stranger = at_home(best) and not at_home(other)
-            stays = not is_stranger and (
-                (behind < 0 and -worse > max(extra, 1) * unit)
-                or _least_cost(problem, other, declared, ordinary) - best.fit.cost
-                <= max(HARDLY * unit, tolerated)
-            )
-        elif (
-            behind <= HARDLY + unpaid(best, other)
-            or is_as_good
-            or (declared and (worse <= tolerated or is_one_law(best, declared)))
-        ):
-            stays = True
-        elif behind > CERTAIN or (extra > 0 and -worse < DEARER * extra * unit):
-            stays = False
-        else:
-            change = out_of(other.fit.jacobian, (other.fit.residual - noise)[:, :, None])
-            products = blocks_of(change * noise[:, :, None], n_outputs, length)[:, 0]
-            score = float(np.einsum("wt,wt->", change[:, :, 0], other.fit.residual))
-            size = np.einsum("wt,wt->", change[:, :, 0], change[:, :, 0]) * unit
-            stays = score < CLEARLY * np.sqrt(max(np.sum(products**2), size))
-        if stays:
-            kept.append(other)
-    return kept
 
 
 def is_a_change(unnamed: Candidate, best: Candidate) -> bool:
