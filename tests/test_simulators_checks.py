@@ -173,6 +173,84 @@ def test_other_zero_is_found():
     assert abs(found.evidence["offset"] - 273.15) < y.std()
 
 
+def shaft_record(unit, turn, *, pull=0.0, seed=1, n=2000):
+    """Return a simulator of a shaft that turns over, and a record of its angle before it was folded."""
+    size = turn / (2 * np.pi)
+
+    def shaft(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * np.sin(x[0] / size)
+
+    names = {"states": [f"angle [{unit}]" if unit else "angle", "speed"], "inputs": ["torque"]}
+    parameters = {"k": 30.0 * size, "b": 4.0, "g": pull * size}
+    sim = ODESimulator(shaft, dt=0.01, parameters=parameters, **names)
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-2, 2, n // 25), 25)[:, None]
+    values = {"k": 33.0 * size, "b": 3.5, "g": 1.1 * pull * size}
+    return sim, u, sim.with_parameters(values).simulate(u) + 0.01 * size * rng.normal(size=(n, 1))
+
+
+class TestFoldedReadings:
+    @pytest.mark.parametrize(("unit", "turn"), [("rad", 2 * np.pi), ("deg", 360.0), ("", 4096.0)])
+    @pytest.mark.parametrize("pull", [0.0, 18.0])
+    def test_an_angle_that_begins_anew_after_a_turn_is_told_with_it(self, unit, turn, pull):
+        sim, u, angle = shaft_record(unit, turn, pull=pull)
+        folded = (angle + turn / 2) % turn - turn / 2
+        (found,) = check_record(sim, u, folded)
+        assert (found.code, found.evidence["output"]) == ("wrapped", 0)
+        assert found.evidence["turn"] == pytest.approx(turn, rel=0 if unit else 0.002)
+        assert check_record(sim, u, np.unwrap(folded, period=found.evidence["turn"], axis=0)) == ()
+
+    def test_each_session_and_each_side_of_a_gap_goes_on_by_itself(self):
+        sim, u, angle = shaft_record("deg", 360.0)
+        folded = angle % 360.0
+        folded[700:720] = np.nan
+        (found,) = check_record(sim, u, folded, sessions=np.repeat([0, 1], 1000))
+        assert found.evidence["turn"] == 360.0
+
+    def test_a_jump_that_is_no_turn_is_a_jump(self):
+        sim, u, angle = shaft_record("deg", 360.0, pull=18.0)
+        angle[1200:] += 100.0
+        assert "wrapped" not in codes(u, angle, simulator=sim)
+
+    def test_a_speed_without_a_sign_is_told_and_then_simulated(self):
+        """A pulse counter does not see the direction, as on the coupled electric drives."""
+
+        def drive(x, u, p):
+            return p[0] * u[0] - p[1] * x[0], p[2] * (x[0] - x[1])
+
+        about = {"dt": 0.02, "states": ["motor", "pulley"], "inputs": ["volts"]}
+        about["parameters"] = {"k": 4.0, "b": 3.0, "c": 8.0}
+        signed, size = (
+            ODESimulator(drive, outputs=["speed"], output=reads, **about)
+            for reads in (lambda x, u, p: x[1], lambda x, u, p: abs(x[1]))
+        )
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(-1.5, 1.5, 75), 20)[:, None]
+        speed = signed.with_parameters([4.6, 2.7, 9.0]).simulate(u)
+        y = np.abs(speed) + 0.01 * rng.normal(size=speed.shape)
+        (found,) = check_record(signed, u, y)
+        assert (found.code, found.evidence["output"]) == ("unsigned", 0)
+        assert "has no sign" in found.sentence
+        assert "abs in the simulator's output function" in found.sentence
+        assert check_record(size, u, y) == ()
+        assert [f.code for f in to_be_mended([found], [])] == ["unsigned"]
+
+    def test_what_is_never_below_zero_has_a_sign_nevertheless(self):
+        def tank(x, u, p):
+            return (p[0] * u[0] - p[1] * x[0],)
+
+        about = {"dt": 0.1, "states": ["level"], "inputs": ["pump"]}
+        sim = ODESimulator(tank, parameters={"a": 1.0, "b": 0.5}, **about)
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(-1.0, 1.0, 60), 20)[:, None]
+        level = sim.with_parameters([1.2, 0.6]).simulate(u)
+        assert "unsigned" not in codes(u, np.maximum(level, 0.0), simulator=sim)  # empty, not turned round
+        assert (
+            codes(np.abs(u), sim.simulate(np.abs(u)) + 0.01 * rng.normal(size=level.shape), simulator=sim)
+            == []
+        )
+
+
 def test_two_mistakes_are_both_found():
     u, y = record()
     assert codes(u, -1000 * y) == ["sign", "units"]

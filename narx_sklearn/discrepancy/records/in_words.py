@@ -64,6 +64,17 @@ def mistake_in_words(simulator: Simulator, mistake: Mistake) -> DataFinding:
         )
     elif mistake.code == "swapped":
         what = f"{named} seem to be swapped"
+    elif mistake.code == "wrapped":
+        turn = f"{about['turn']:.6g}"
+        what = (
+            f"{named} begins anew after a turn of {turn}. Let it go on: "
+            f"numpy.unwrap(column, period={turn}), session by session"
+        )
+    elif mistake.code == "unsigned":
+        what = (
+            f"{named} has no sign: it shows how large what is simulated is, not which way it goes. Let the "
+            "simulation's output be that size (abs in the simulator's output function)"
+        )
     elif mistake.code == "sign":
         what = f"The sign of {named} seems to be reversed"
     else:

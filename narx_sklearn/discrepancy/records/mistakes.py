@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.records.folded import turn_of, unfolded, unsigned_at
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.simulators.windows import shortest_window
 
@@ -32,6 +33,7 @@ LAGS = (0.5, 1.0, 2.0)  # time constants that such a lag may have, times the del
 WINDOWS = 8  # that a record is cut into, about
 LONGEST = 500  # samples of one window
 PART = 4  # of a window, with which a refit begins
+AT_ZERO = 0.1  # of a signal's largest value, below zero by which noise takes what has no sign
 SHORTEST = 16  # samples of one, however few states the simulator has
 TIME_FACTORS = (0.1, 0.5, 2.0, 10.0)  # sampling periods that are tried, over the simulator's
 SHIFTS_TRIED = 14  # of one column: refits in the descent from a guess, at most
@@ -170,10 +172,8 @@ def _first_states(case: Case) -> np.ndarray:
     known = simulator.known_states(case.u, case.y, windows.first)
     start = np.where(simulator.free_states, 0.0, np.nan_to_num(known))
     if not simulator.discrete:
-        sessions, which = np.unique(windows.began, return_inverse=True)
-        ends = np.array([windows.last[which == i].max() for i in range(sessions.size)])
-        whole = Windows(sessions, ends, np.ones(sessions.size, dtype=bool), sessions)
-        x = simulator.run(case.u, whole, np.zeros((sessions.size, start.shape[1]))).x[windows.first]
+        whole = _whole(windows)
+        x = simulator.run(case.u, whole, np.zeros((whole.count, start.shape[1]))).x[windows.first]
         start = np.where(np.isfinite(x), x, start)
     return start
 
@@ -255,6 +255,10 @@ def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
     """Yield the mistakes worth a trial, each with the record in which it is undone."""
     if now.error < EXCUSED:
         return
+    if "wrapped" not in done:
+        yield from _wrapped(case)
+    if "unsigned" not in done:
+        yield from _unsigned(case)
     if "sign" not in done:
         yield from _flipped(case)
     if "swapped" not in done:
@@ -267,6 +271,50 @@ def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
             yield Mistake("time_scale", {"factor": factor}, replace(case, simulator=simulator))
     if "delayed" not in done:
         yield from _shifted(case, now)
+
+
+def _wrapped(case: Case):
+    """Yield columns that begin anew after a turn, made to go on."""
+    sessions = _sessions(case.windows)
+    for name, key, signals in (
+        ("u", "input", case.simulator.inputs),
+        ("y", "output", case.simulator.outputs),
+    ):
+        columns = getattr(case, name)
+        for i, signal in enumerate(signals):
+            turn = turn_of(columns[:, i], signal.unit, sessions)
+            if turn is not None:
+                going_on = columns.copy()
+                going_on[:, i] = unfolded(columns[:, i], turn, sessions)
+                about = {key: i, "turn": turn}
+                yield Mistake("wrapped", about, replace(case, **{name: going_on}))
+
+
+def _unsigned(case: Case):
+    """Yield outputs that are simulated as sizes without a sign, as the record's seem to be.
+
+    What a map or a trace does next depends on its outputs, so that there a size is another machine.
+    """
+    if case.simulator.discrete:
+        return
+    for j in range(case.y.shape[1]):
+        y = case.y[:, j]
+        if np.nanmin(y) > -AT_ZERO * np.nanmax(y):
+            simulator = case.simulator.with_effects((*case.simulator.effects, unsigned_at(j)))
+            yield Mistake("unsigned", {"output": j}, replace(case, simulator=simulator))
+
+
+def _whole(windows: Windows) -> Windows:
+    """Return one window a session, as far as windows cover it."""
+    began, which = np.unique(windows.began, return_inverse=True)
+    last = np.array([windows.last[which == s].max() for s in range(began.size)])
+    return Windows(began, last, np.ones(began.size, dtype=bool), began)
+
+
+def _sessions(windows: Windows) -> list[slice]:
+    """Return the sessions as far as windows cover them."""
+    whole = _whole(windows)
+    return [slice(int(a), int(b)) for a, b in zip(whole.first, whole.last, strict=True)]
 
 
 def _flipped(case: Case):
@@ -395,9 +443,8 @@ def _with_input_moved(case: Case, i: int, samples: int) -> Case:
 def _moved(signal, samples: int, windows: Windows, fill) -> np.ndarray:
     """Return a column moved later (earlier where negative) in each session; held at its ends, or filled."""
     out = signal.copy()
-    sessions, which = np.unique(windows.began, return_inverse=True)
-    for s, begin in enumerate(sessions):
-        end = int(windows.last[which == s].max())
+    for session in _sessions(windows):
+        begin, end = session.start, session.stop
         index = np.arange(begin, end) - samples
         inside = (index >= begin) & (index < end)
         values = signal[np.clip(index, begin, end - 1)]

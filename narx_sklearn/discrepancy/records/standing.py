@@ -16,7 +16,14 @@ from narx_sklearn.discrepancy.search.inference import untold
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 FAR_LESS = 0.5  # of what undoing a mistake leaves beyond noise: what an effect leaves that speaks against it
-MENDED_FIRST = ("time_scale", "swapped", "sign", "units")  # physics beside them is theirs
+MENDED_FIRST = (
+    "time_scale",
+    "swapped",
+    "sign",
+    "wrapped",
+    "unsigned",
+    "units",
+)  # physics beside them is theirs
 BY_PHYSICS = (0.1, 10.0)  # factors that missing physics may have, where no change of units has them
 
 

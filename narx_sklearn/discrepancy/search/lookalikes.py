@@ -221,7 +221,7 @@ class _Beside:
         """Tell whether a rival is not clearly worse."""
         best, unit = self.best, self.unit
         declared = declared_rival(best, other)
-        holds = declared is not None and is_special_case(best, other)
+        holds = declared if is_special_case(best, other) else None  # the best, as a special case
         extra = max(other.n_values - best.n_values, 0)
         worse = other.fit.cost - best.fit.cost
         apart = float(np.sum((other.fit.residual - best.fit.residual) ** 2))
@@ -234,7 +234,7 @@ class _Beside:
             kept = False
         else:
             kept = not self._lacks_the_best(other)
-        return kept or (holds and self._fits_with_an_ordinary_shape(other, declared))
+        return kept or (holds is not None and self._fits_with_an_ordinary_shape(other, holds))
 
     def _is_hardly_worse(self, other: Candidate, declared: PlacedEffect | None) -> bool:
         """Tell whether a rival is nearly as likely, or a look-alike whose form may be wrong by that much."""
