@@ -6,9 +6,9 @@ The estimator
     ``fleet`` diagnoses many recordings, ``regressor`` one: it has the record read and looked through.
     ``conclusion`` has it diagnosed, and holds what was found against samples held out (``verify``);
     ``substeps`` asks whether the simulation's own steps are fine enough, ``narrow`` whether bounds of its
-    parameters stand in the way; ``location``, ``findings`` (``dependence`` as a sentence), ``extrapolate``
-    and ``report_text`` tell what came of it. On request ``rivals``, with ``nested``, names what an experiment
-    is to separate, and ``as_narx`` identifies a model.
+    parameters stand in the way, ``per_session`` what they are in each; ``location``, ``findings``
+    (``dependence`` as a sentence), ``extrapolate`` and ``report_text`` tell what came of it. On request
+    ``rivals``, with ``nested``, names what an experiment is to separate, and ``as_narx`` identifies a model.
 Before any measurement
     ``experiment`` compares ``designs`` of inputs, ``before_measuring`` by the ``tangents`` of effects.
 Rooms, each with a map of its own

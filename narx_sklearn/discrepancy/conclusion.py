@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.narrow import bounds_as_findings
+from narx_sklearn.discrepancy.per_session import sessions_as_findings
 from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
@@ -230,7 +231,7 @@ def conclude(
 
     first, split = look(ends, settings), ends
     no_law = first.unforeseen is not None and first.steps[0].detection.p_value > settings.alpha
-    if (first.verdict in NOTHING_MISSING or no_law) and ends.held_out:
+    if (first.verdict in NOTHING_MISSING or no_law) and not first.is_apart and ends.held_out:
         settings.tell("a second look, at the samples held out")
         second = look(beginnings, settings.for_second_look())
         is_law = second.unforeseen is None or not no_law
@@ -268,7 +269,8 @@ def _concluded(
         standing = not_told_by(standing, effects, concluded.diagnosis.problem.simulator)
     if concluded.is_unconfirmed and concluded.verdict == "explained":
         concluded = replace(concluded, verdict="ambiguous")
-    return replace(concluded, of_record=(*standing, *of_steps, *of_bounds))
+    told = *standing, *sessions_as_findings(diagnosis), *of_steps, *of_bounds
+    return replace(concluded, of_record=told)
 
 
 def _held_against(

@@ -53,6 +53,8 @@ def verdict_sentence(dx) -> str:
             f"No physics is missing; the {'bound' if one else 'bounds'} given for "
             f"{_listed([at.parameter.name for at in narrow])} {'is' if one else 'are'} too narrow."
         )
+    if dx.verdict_ == "refit" and dx.conclusion_.diagnosis.is_apart:
+        return "No physics is missing; the simulation's parameters are off, and not the same in all sessions."
     if is_for_its_time_only(dx):
         return (
             "Physics is missing; what is named acts for a while only, and no sample that was held out "

@@ -10,6 +10,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
 from narx_sklearn.discrepancy.search.explain import Step
@@ -21,6 +22,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
+from narx_sklearn.discrepancy.stages.apart import Part, began_of, fit_apart
 from narx_sklearn.discrepancy.stages.beginning import (
     begin,
     centred,
@@ -92,6 +94,9 @@ class Diagnosis:
     left: LeftByForm = NOTHING_SEEN  # by names, of what could be explained
     unnamed: Candidate | None = None  # the best law without a name, where names were held against one
     narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
+    apart: tuple[
+        Part, ...
+    ] = ()  # sessions with parameters of their own, where that leaves less than the best
 
     @property
     def is_named(self) -> bool:
@@ -99,8 +104,15 @@ class Diagnosis:
         return self.verdict in ("explained", "ambiguous")
 
     @property
+    def is_apart(self) -> bool:
+        """Whether nothing is missing but parameters of their own in sessions."""
+        return bool(self.apart) and self.verdict == "refit"
+
+    @property
     def noise(self) -> Noise:
         """Noise that the best explanation leaves; searched was under that which names leave."""
+        if self.is_apart:
+            return max(self.apart, key=lambda part: part.problem.n_seen).problem.noise
         if self.unforeseen is not None:
             return self.unforeseen.noise
         if not any(map(is_unnamed, self.best.effects)):
@@ -181,7 +193,44 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             break
         settings.tell("again, nearer to the parameters that were found")
         found = _diagnosed(nearer, u, y, pieces, settings)
-    return _unless_narrow(found, u, y, pieces, settings)
+    return _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
+
+
+def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Return a diagnosis, or that of parameters which are not the same in all sessions, if that is all.
+
+    What was changed between recordings looks like physics to one set of parameters. Where sessions with their
+    own leave less than what was found, and nothing is missing in any by itself, it is none. Where something
+    is, and has no name so far, they are told beside it.
+    """
+    if found.verdict in NOTHING_MISSING:
+        return found
+    problem, refitted = found.problem, found.refitted
+    apart = fit_apart(problem, refitted, settings.n_jobs)
+    is_law = bool(found.best.effects) and found.unforeseen is None
+    together = Candidate(refitted, problem.n_seen)
+    if apart is None or apart.criterion >= (found.best if is_law else together).criterion:
+        return found
+    settings.tell("again, session by session")
+    alone = []
+    for began in began_of(problem):
+        own = [piece for piece in pieces if piece[1] == began]
+        alone.append(_diagnosed(problem.simulator, u, y, own, settings))
+        if alone[-1].verdict not in NOTHING_MISSING:
+            return found if found.is_named else replace(found, apart=apart.parts)
+    return replace(
+        found,
+        verdict="refit",
+        best=together,
+        order=(),
+        alternatives=(),
+        p_missing=min(1.0, len(alone) * min(one.p_missing for one in alone)),
+        against_noise=(),
+        unforeseen=None,
+        left=NOTHING_SEEN,
+        unnamed=None,
+        apart=tuple(Part(one.problem, one.refitted) for one in alone),
+    )
 
 
 def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:

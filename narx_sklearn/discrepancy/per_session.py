@@ -1,0 +1,78 @@
+"""What is said of parameters of the simulation that are not the same in all sessions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from narx_sklearn.discrepancy.records.finding import DataFinding
+from narx_sklearn.discrepancy.search.inference import intervals
+from narx_sklearn.discrepancy.stages.apart import Part
+from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
+
+LEVEL = 0.9  # of the intervals that are told
+BY_CHANCE = 0.05  # chance that a parameter which is the same in all sessions is said to differ
+
+
+def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
+    """Return a finding if sessions with parameters of their own leave less than all that was found."""
+    if not diagnosis.apart:
+        return []
+    parameters = diagnosis.problem.simulator.parameters
+    values = np.array([part.fit.model.p for part in diagnosis.apart])
+    sure = np.array([intervals(*part, LEVEL)[: len(parameters)] for part in diagnosis.apart])
+    told = [i for i in range(len(parameters)) if _differs(values[:, i], sure[:, i], len(parameters))]
+    told = told or list(range(len(parameters)))
+    before, after = (
+        float(np.sqrt(_left(parts)))
+        for parts in ([Part(diagnosis.problem, diagnosis.refitted)], diagnosis.apart)
+    )
+    listed = "; ".join(
+        f"{parameters[i].name} = "
+        + ", ".join(
+            f"{v:.4g} ({a:.4g} to {b:.4g})" for v, (a, b) in zip(values[:, i], sure[:, i], strict=True)
+        )
+        + f" {parameters[i].unit}".rstrip()
+        for i in told
+    )
+    outcome = (
+        "no session by itself misses anything. Something was changed in between (a payload, a medium, a "
+        "supply): simulate each with its own parameters (with_parameters), or give what was changed as a "
+        "measured input."
+        if diagnosis.is_apart
+        else "that is less than with all that was found. Something was changed in between (a payload, a "
+        "medium, a supply), or a law without a name looks like other parameters where the machine is moved "
+        "farther: diagnose the sessions one by one."
+    )
+    return [
+        DataFinding(
+            "sessions",
+            "The simulation's parameters are not the same in all sessions. In one after the other: "
+            f"{listed}. One set for all leaves {100 * before:.3g} % of the outputs' spread, own ones leave "
+            f"{100 * after:.3g} %; {outcome}",
+            {
+                "parameters": {parameters[i].name: values[:, i].tolist() for i in told},
+                "intervals": {parameters[i].name: sure[:, i].tolist() for i in told},
+                "before": before,
+                "after": after,
+            },
+        )
+    ]
+
+
+def _differs(values: np.ndarray, sure: np.ndarray, n_asked: int) -> bool:
+    """Tell whether values, (n,), with their intervals, (n, 2), are surely not all one (Cochran's Q)."""
+    error = (sure[:, 1] - sure[:, 0]) / (2.0 * norm.isf((1.0 - LEVEL) / 2.0))
+    if not np.all(np.isfinite(error) & (error > 0)):
+        return False
+    weights = 1.0 / error**2
+    mean = float(weights @ values / weights.sum())
+    return bool(weights @ (values - mean) ** 2 > chi2.isf(BY_CHANCE / n_asked, values.size - 1))
+
+
+def _left(parts: Sequence[Part]) -> float:
+    """Return the share of the outputs' variance that is left."""
+    spread = np.nanstd(parts[0].problem.y, axis=0)  # of the whole record, whichever windows a part has
+    spread = np.where(spread > 0, spread, 1.0)
+    left = sum(float(np.sum((part.problem.left_over(part.fit.model) / spread) ** 2)) for part in parts)
+    return left / max(sum(int(part.problem.seen.sum()) for part in parts), 1)

@@ -1,0 +1,108 @@
+"""Sessions that were recorded with other parameters: told as such, and not as physics."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.per_session import _differs
+
+N = 500
+GIVEN = {"gain [m/s^2/V]": 18.0, "damping [1/s]": 7.0, "stiffness [1/s^2]": 135.0}
+TRUE = np.array([20.0, 6.0, 150.0])
+
+
+def stage(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def with_friction(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] - p[3] * np.tanh(x[1] / 0.005)
+
+
+def simulator(equations=stage, **more):
+    return ODESimulator(
+        equations,
+        dt=0.02,
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["drive [V]"],
+        parameters=GIVEN | more,
+    )
+
+
+def recorded(masses, *, loudness=(1.0, 1.0, 1.0), friction=0.0, seed=0):
+    """Return inputs, outputs and labels of sessions, each with a mass of its own."""
+    rng = np.random.default_rng(seed)
+    true = simulator(with_friction, friction=0.1)
+    u, y = [], []
+    for mass, loud in zip(masses, loudness, strict=True):
+        u.append(loud * np.repeat(rng.uniform(-2, 2, N // 20), 20))
+        y.append(true.with_parameters([*(TRUE / mass), friction / mass]).simulate(u[-1][:, None])[:, 0])
+    y = np.concatenate(y)
+    return np.concatenate(u), y + 0.01 * y.std() * rng.normal(size=y.size), np.repeat([0, 1, 2], N)
+
+
+def diagnosed(u, y, sessions):
+    return DiscrepancyRegressor(simulator(), random_state=0).fit(u[:, None], y, sessions=sessions)
+
+
+@pytest.fixture(scope="module")
+def payloads():
+    return diagnosed(*recorded([0.8, 1.0, 1.4]))
+
+
+def finding_of(dx):
+    return {finding.code: finding for finding in dx.data_findings_}.get("sessions")
+
+
+class TestAnotherPayloadInEachSession:
+    def test_no_physics_is_sold_for_it(self, payloads):
+        assert (payloads.verdict_, payloads.findings_) == ("refit", [])
+        assert "not the same in all sessions" in payloads.report_.splitlines()[0]
+
+    def test_each_session_tells_its_own_values(self, payloads):
+        finding = finding_of(payloads)
+        for name, true in zip(("gain", "damping", "stiffness"), TRUE, strict=True):
+            values = np.array(finding.evidence["parameters"][name])
+            np.testing.assert_allclose(values, true / np.array([0.8, 1.0, 1.4]), rtol=0.02)
+            assert f"{name} = {values[0]:.4g} (" in finding.sentence
+
+    def test_what_one_set_and_what_own_ones_leave_is_told(self, payloads):
+        finding = finding_of(payloads)
+        assert finding.evidence["after"] == pytest.approx(0.01, rel=0.05)
+        assert finding.evidence["before"] > 10 * finding.evidence["after"]
+        assert "with_parameters" in finding.sentence
+
+    def test_the_noise_is_that_of_a_session(self, payloads):
+        (noise,) = payloads.noise_.values()
+        assert noise["sigma"] == pytest.approx(0.01 * recorded([0.8, 1.0, 1.4])[1].std(), rel=0.1)
+
+
+def test_one_payload_is_a_refit_and_no_more():
+    dx = diagnosed(*recorded([1.0, 1.0, 1.0]))
+    assert (dx.verdict_, finding_of(dx)) == ("refit", None)
+
+
+@pytest.mark.long
+def test_what_looks_like_other_parameters_where_it_is_louder_has_its_name():
+    """Friction weighs more in quiet sessions, as more damping would."""
+    dx = diagnosed(*recorded([1.0, 1.0, 1.0], loudness=(0.3, 1.0, 3.0), friction=4.0))
+    assert dx.verdict_ in ("explained", "ambiguous")
+    assert dx.findings_[0].effect in ("coulomb_friction", "stribeck_friction")
+    assert finding_of(dx) is None
+
+
+@pytest.mark.long
+def test_where_physics_is_missing_too_the_sessions_are_told_beside_it():
+    dx = diagnosed(*recorded([0.8, 1.0, 1.4], friction=4.0))
+    assert dx.verdict_ == "unknown"
+    assert "one by one" in finding_of(dx).sentence
+
+
+@pytest.mark.parametrize(
+    ("values", "half_width", "differs"),
+    [([1.0, 1.0, 1.1], 0.1, False), ([1.0, 1.0, 1.5], 0.1, True), ([1.0, 2.0, 3.0], 0.0, False)],
+)
+def test_a_parameter_differs_where_its_errors_do_not_explain_it(values, half_width, differs):
+    values = np.array(values)
+    sure = values[:, None] + half_width * np.array([-1.0, 1.0])
+    assert _differs(values, sure, 1) == differs
