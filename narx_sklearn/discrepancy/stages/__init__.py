@@ -5,7 +5,7 @@ given; ``apart``: in each session by itself), ``coloured_search`` looks for what
 ``trimmed``) and ``temporary`` (with ``in_sessions``) for what acts for a while;
 ``judgement`` says what that comes to, with ``naming``, ``swaps`` and ``fading``, in ``plain`` numbers:
 what speaks against names (``refuted``, beside their own ``forms``), what has none (``unnamed``,
-``powers``, ``laws``; ``knots``) and goes with it (``told_law``), which parameter is no constant
+``powers``, ``laws``; ``knots``, ``smooth``) and goes with it (``told_law``), which parameter is no constant
 (``varying``), what follows no signal (``unforeseen``; ``foretold``), and whether the rest is noise
 (``remainder``, ``followed``, ``pulse``).
 """

@@ -23,6 +23,7 @@ from narx_sklearn.discrepancy.stages.knots import drawn_again
 from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
+from narx_sklearn.discrepancy.stages.smooth import smoothed
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
 SUSPECT = 0.05  # level at which something counts that is no finding of its own
@@ -58,8 +59,10 @@ def best_unnamed(
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
-    curve = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]]
-    laws = curve + at_other_ports(found) + best_laws(problem, refitted, beside, structure, settings.n_jobs)
+    laws = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]] + at_other_ports(found)
+    nothing = Candidate(refitted, problem.n_seen).criterion
+    laws = [smoothed(problem, law) if law.criterion < nothing else law for law in laws]
+    laws += best_laws(problem, refitted, beside, structure, settings.n_jobs)
     laws += [power] if power is not None else []
     return _likeliest(problem, laws, settings.n_jobs)
 

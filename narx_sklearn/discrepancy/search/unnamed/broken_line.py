@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicSpline
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.physics.effects import EffectParameter
@@ -36,6 +37,53 @@ def line_added(signal, second, dt, theta, first):
     """Return a signal with a broken line of it, or of another, added."""
     knots = theta[KNOTS : 2 * KNOTS]
     return signal + np.interp(signal if second is None else second, knots, theta[:KNOTS])
+
+
+def _smoothly_added(signal, second, dt, theta, first):
+    """Return a signal with a smooth curve of it, or of another, added: constant beyond its ends."""
+    knots = np.asarray(theta[KNOTS : 2 * KNOTS])
+    curve = CubicSpline(knots, theta[:KNOTS], bc_type="natural")
+    return signal + curve(np.clip(signal if second is None else second, knots[0], knots[-1]))
+
+
+def smooth_line(placed: PlacedEffect) -> PlacedEffect:
+    """Return a broken line at an input or output as the natural cubic spline through its knots.
+
+    Between knots h apart it misses a smooth law by :math:`h^4`, a broken line by :math:`h^2`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.placed import Port
+    >>> from narx_sklearn.discrepancy.search.places import Argument
+    >>> from narx_sklearn.discrepancy.search.unnamed.broken_line import smooth_line
+    >>> from narx_sklearn.discrepancy.search.unnamed.curves import curve_at
+    >>> line = curve_at(Port("output", 0), Argument((), "level", "m"), np.linspace(-3.0, 3.0, 601)).placed
+    >>> knots = np.array(line.theta[7:])
+    >>> line = line.at((*np.sin(knots), *knots))
+    >>> at = np.linspace(-2.0, 2.0, 41)
+    >>> missed = [np.abs(drawn.effect.transform(at, None, 0.1, line.theta, [0]) - at - np.sin(at)).max()
+    ...           for drawn in (line, smooth_line(line))]
+    >>> [round(float(value), 3) for value in missed]
+    [0.12, 0.002]
+    """
+    equation = placed.effect.equation.replace("a broken line", "a smooth curve")
+    return replace(placed, effect=replace(placed.effect, equation=equation, transform=_smoothly_added))
+
+
+def heights_through(knots: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return how high a broken line must be at its knots to come nearest to some points (least squares).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from narx_sklearn.discrepancy.search.unnamed.broken_line import heights_through
+    >>> x = np.linspace(0.0, 2.0, 9)
+    >>> heights_through(np.array([0.0, 1.0, 2.0]), x, np.abs(x - 1.0) + 1.0).round(6).tolist()
+    [2.0, 1.0, 2.0]
+    """
+    columns = np.column_stack([np.interp(x, knots, one) for one in np.eye(knots.size)])
+    return np.linalg.lstsq(columns, y, rcond=None)[0]
 
 
 def knots_as_parameters(knots: Iterable[float]) -> tuple[EffectParameter, ...]:

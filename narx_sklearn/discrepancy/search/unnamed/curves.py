@@ -26,14 +26,14 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
     """Return an unnamed curve for each place and argument, its knots spread over what the run visits."""
     found = []
     for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-        found.append(_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
+        found.append(curve_at(Port("input", int(i)), Argument((), *simulator.inputs[i]), u[:, i]))
     for i, signal in enumerate(simulator.outputs):
-        found.append(_at(Port("output", i), Argument((), *signal), y[:, i]))
+        found.append(curve_at(Port("output", i), Argument((), *signal), y[:, i]))
         found += _read(Port("output", i), simulator, structure, np.column_stack([u, x]))
     for i in np.flatnonzero(~structure.kinematic).tolist():
         port = Port("state", i)
         for argument in moving(i, simulator, structure):
-            found.append(_at(port, argument, x @ np.array(argument.weights)))
+            found.append(curve_at(port, argument, x @ np.array(argument.weights)))
         if structure.partner[i] >= 0:
             for argument in arguments("position", i, simulator, structure):
                 position = x @ np.array(argument.weights)
@@ -49,7 +49,8 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
     ]
 
 
-def _at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:
+def curve_at(port: Port, argument: Argument, values: np.ndarray) -> Hypothesis | None:
+    """Return a curve over the values that an argument has; None where it does not change."""
     values = values[np.isfinite(values)]
     if values.size == 0 or np.ptp(values) <= 0:
         return None
@@ -75,7 +76,7 @@ def _read(
         return
     for j in read:
         signal = [*simulator.inputs, *simulator.states][j]
-        found = _at(port, Argument((), *signal), signals[:, j])
+        found = curve_at(port, Argument((), *signal), signals[:, j])
         if found is not None:
             fed = replace(found.placed.effect, second="feed", equation="f(w), a broken line")
             weights = weights_of(signals.shape[1], {j: 1.0})
