@@ -176,6 +176,16 @@ def test_what_a_law_becomes_at_an_edge_is_fitted_from_there(problem):
     assert special_cases(problem, fitted(problem, COULOMB), RIVALS) == []
 
 
+def test_what_another_member_is_already_becomes_one_with_it(problem):
+    """Half of a friction and half of it are no two findings."""
+    half = at_velocity("stribeck_friction", 0.15, 1.0, 1e-9, 2.0)
+    both = fitted(problem, half, at_velocity("coulomb_friction", 0.15))
+    assert both.effects[0].theta[0] < 0.2
+    (one,) = special_cases(problem, both, RIVALS)
+    assert codes([one]) == [["coulomb_friction"]]
+    assert one.effects[0].theta[0] == pytest.approx(0.3, abs=0.01)
+
+
 def test_what_the_law_has_fixed_begins_as_ever(problem):
     """Sticking that gives way over next to nothing is Stribeck's friction, of which the exponent is free."""
     tall = [at_velocity("stribeck_friction", 0.3, 1.6, 0.2, 2.0)]

@@ -47,7 +47,8 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
 
     Friction that holds and lets go makes a cost full of steps, on one of which the simpler law may have been
     left standing; where its parameters are those of the more general by name, they are as good a beginning.
-    One that the more general has none of, as it is fixed there, begins as ever.
+    One that the more general has none of, as it is fixed there, begins as ever. Where another member is that
+    law already, the two become one.
     """
     asked = {h.placed.effect.code: h.placed.effect for h in hypotheses if h.asked}
     ordinary = {h.placed.place: h.starts[0] for h in hypotheses if len(h.starts)}
@@ -63,14 +64,26 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
             if not is_alike or not known.keys() >= set(names):
                 continue
             theta = (*(float(known[name]) for name in names), *member.theta[n:])
-            effects = (
-                *best.effects[:i],
-                replace(member, effect=special, theta=theta),
-                *best.effects[i + 1 :],
+            simpler = replace(member, effect=special, theta=theta)
+            before, after = (
+                [e for e in others if e.place != simpler.place]
+                for others in (best.effects[:i], best.effects[i + 1 :])
             )
+            same = [e for e in best.effects if e.place == simpler.place]
+            effects = (*before, _as_one([simpler, *same]), *after)
             model = best.fit.model._replace(effects=effects)
             found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
+
+
+def _as_one(alike: Sequence[PlacedEffect]) -> PlacedEffect:
+    """Return one effect for several of one place: the first, as large as all together."""
+    first = alike[0]
+    if first.amplitude is None:
+        return first
+    theta = list(first.theta)
+    theta[first.amplitude] = sum(effect.theta[first.amplitude] for effect in alike)
+    return first.at(theta)
 
 
 def swaps(
