@@ -7,7 +7,13 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from narx_sklearn.discrepancy import DiscrepancyRegressor, NARXSimulator, ODESimulator, check_record
+from narx_sklearn.discrepancy import (
+    DiscrepancyRegressor,
+    NARXSimulator,
+    ODESimulator,
+    TraceSimulator,
+    check_record,
+)
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
@@ -234,6 +240,13 @@ class TestFoldedReadings:
         assert "abs in the simulator's output function" in found.sentence
         assert check_record(size, u, y) == ()
         assert [f.code for f in to_be_mended([found], [])] == ["unsigned"]
+
+    def test_of_a_simulated_trace_too(self):
+        rng = np.random.default_rng(0)
+        u = np.repeat(rng.uniform(-1, 1, 80), 10)
+        given, true = (lfilter([gain], [1, -pole], u) for gain, pole in ((0.4, 0.8), (0.37, 0.83)))
+        y = np.abs(true) + 0.01 * rng.normal(size=u.size)
+        assert codes(u[:, None], y, simulator=TraceSimulator(given, u, dt=0.1)) == ["unsigned"]
 
     def test_what_is_never_below_zero_has_a_sign_nevertheless(self):
         def tank(x, u, p):

@@ -44,6 +44,11 @@ def unsigned_at(output: int) -> PlacedEffect:
     return PlacedEffect(UNSIGNED, Port("output", output))
 
 
+def reads_size(placed: PlacedEffect) -> bool:
+    """Tell whether an effect takes the sign off an output."""
+    return placed.effect is UNSIGNED
+
+
 def turn_of(values: np.ndarray, unit: str, sessions: Sequence[slice]) -> float | None:
     """Return the turn after which a reading begins anew; None where no step is like one.
 

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.records.folded import turn_of, unfolded, unsigned_at
+from narx_sklearn.discrepancy.records.folded import reads_size, turn_of, unfolded, unsigned_at
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows, covered
 from narx_sklearn.discrepancy.simulators.windows import shortest_window
 
@@ -167,11 +167,14 @@ def agreement(case: Case, *, scaled: bool, start: Model | None = None) -> Agreem
 
 
 def _first_states(case: Case) -> np.ndarray:
-    """Return the windows' states from one run of the whole record, measured inputs where states are such."""
+    """Return the windows' states from one run of the whole record, measured ones where states are such.
+
+    The sign of those that were measured without one is that of the run.
+    """
     simulator, windows = case.simulator, case.windows
     known = simulator.known_states(case.u, case.y, windows.first)
     start = np.where(simulator.free_states, 0.0, np.nan_to_num(known))
-    if not simulator.discrete:
+    if not simulator.discrete or any(reads_size(effect) for effect in simulator.effects):
         whole = _whole(windows)
         x = simulator.run(case.u, whole, np.zeros((whole.count, start.shape[1]))).x[windows.first]
         start = np.where(np.isfinite(x), x, start)
@@ -259,7 +262,7 @@ def _suspects(case: Case, now: Agreement, done: set[str]) -> Iterator[Mistake]:
         yield from _wrapped(case)
     if "unsigned" not in done:
         yield from _unsigned(case)
-    if "sign" not in done:
+    if not done & {"sign", "unsigned"}:  # of sizes no sign is told
         yield from _flipped(case)
     if "swapped" not in done:
         yield from _swapped(case)
@@ -291,12 +294,7 @@ def _wrapped(case: Case):
 
 
 def _unsigned(case: Case):
-    """Yield outputs that are simulated as sizes without a sign, as the record's seem to be.
-
-    What a map or a trace does next depends on its outputs, so that there a size is another machine.
-    """
-    if case.simulator.discrete:
-        return
+    """Yield outputs that are simulated as sizes without a sign, as the record's seem to be."""
     for j in range(case.y.shape[1]):
         y = case.y[:, j]
         if np.nanmin(y) > -AT_ZERO * np.nanmax(y):
