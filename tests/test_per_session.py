@@ -8,6 +8,7 @@ from narx_sklearn.discrepancy.per_session import _differs
 
 N = 500
 GIVEN = {"gain [m/s^2/V]": 18.0, "damping [1/s]": 7.0, "stiffness [1/s^2]": 135.0}
+FEW = ["coulomb_friction", "cubic_stiffness", "extra_mode"]
 TRUE = np.array([20.0, 6.0, 150.0])
 
 
@@ -29,25 +30,26 @@ def simulator(equations=stage, **more):
     )
 
 
-def recorded(masses, *, loudness=(1.0, 1.0, 1.0), friction=0.0, seed=0):
-    """Return inputs, outputs and labels of sessions, each with a mass of its own."""
+def recorded(masses, *, loudness=(1.0, 1.0, 1.0), friction=0.0, seed=0, n=N):
+    """Return inputs, outputs and labels of sessions of n samples, each with a mass of its own."""
     rng = np.random.default_rng(seed)
     true = simulator(with_friction, friction=0.1)
     u, y = [], []
     for mass, loud in zip(masses, loudness, strict=True):
-        u.append(loud * np.repeat(rng.uniform(-2, 2, N // 20), 20))
+        u.append(loud * np.repeat(rng.uniform(-2, 2, n // 10), 10))
         y.append(true.with_parameters([*(TRUE / mass), friction / mass]).simulate(u[-1][:, None])[:, 0])
     y = np.concatenate(y)
-    return np.concatenate(u), y + 0.01 * y.std() * rng.normal(size=y.size), np.repeat([0, 1, 2], N)
+    return np.concatenate(u), y + 0.01 * y.std() * rng.normal(size=y.size), np.repeat([0, 1, 2], n)
 
 
-def diagnosed(u, y, sessions):
-    return DiscrepancyRegressor(simulator(), random_state=0).fit(u[:, None], y, sessions=sessions)
+def diagnosed(u, y, sessions, effects="catalogue"):
+    dx = DiscrepancyRegressor(simulator(), effects=effects, random_state=0)
+    return dx.fit(u[:, None], y, sessions=sessions)
 
 
 @pytest.fixture(scope="module")
 def payloads():
-    return diagnosed(*recorded([0.8, 1.0, 1.4]))
+    return diagnosed(*recorded([0.8, 1.0, 1.4]), FEW)
 
 
 def finding_of(dx):
@@ -80,6 +82,12 @@ class TestAnotherPayloadInEachSession:
 def test_one_payload_is_a_refit_and_no_more():
     dx = diagnosed(*recorded([1.0, 1.0, 1.0]))
     assert (dx.verdict_, finding_of(dx)) == ("refit", None)
+
+
+@pytest.mark.parametrize("n", [20, pytest.param(30, marks=pytest.mark.long)])
+def test_sessions_of_a_few_samples_do_no_harm(n):
+    dx = diagnosed(*recorded([0.5, 1.0, 2.0], n=n), FEW)
+    assert dx.verdict_ in ("refit", "unknown", "ambiguous", "explained")
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.search.candidate import Candidate
-from narx_sklearn.discrepancy.simulators.windows import chosen_of
+from narx_sklearn.discrepancy.simulators.windows import FEWEST_VALUES, chosen_of
 
 MOST = 12  # sessions that are fitted apart
 
@@ -34,7 +34,7 @@ def began_of(problem: Problem) -> np.ndarray:
 def fit_apart(problem: Problem, refitted: Fit, n_jobs: int | None = None) -> Apart | None:
     """Return what the simulation leaves with parameters of its own in each session.
 
-    None where there is one session only, or very many, or no parameter.
+    None where there is one session only, or very many, or one that is too short, or no parameter.
     """
     sessions = began_of(problem)
     if not 1 < sessions.size <= MOST or not len(problem.simulator.parameters):
@@ -43,9 +43,10 @@ def fit_apart(problem: Problem, refitted: Fit, n_jobs: int | None = None) -> Apa
     for began in sessions:
         chosen = np.flatnonzero(problem.windows.began == began)
         own = problem.over(chosen_of(problem.windows, chosen))
-        if own.n_seen:
-            model = refitted.model._replace(x0=refitted.model.x0[chosen])
-            parts.append(Part(own, fit(own, model, n_jobs=n_jobs)))
+        if own.seen.sum() < FEWEST_VALUES:
+            return None
+        model = refitted.model._replace(x0=refitted.model.x0[chosen])
+        parts.append(Part(own, fit(own, model, n_jobs=n_jobs)))
     n_values = sum(Candidate(part.fit, part.problem.n_seen).n_parameters for part in parts)
     n = sum(part.problem.n_seen for part in parts)
     cost = sum(part.fit.cost for part in parts)
