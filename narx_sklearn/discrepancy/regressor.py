@@ -135,7 +135,8 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         each sample; ``deviation``, of all of it, infinite where it drifts without bound; ``autoregression``
         and ``moving_average``, its colour.
     data_findings_ : list of DataFinding
-        Mistakes in the record itself that should be mended first.
+        Mistakes in the record itself that should be mended first, and what else it tells that is no physics:
+        bounds that are too narrow, parameters that are not the same in all sessions.
     report_ : str
         All of it in words.
     conclusion_ : Conclusion

@@ -94,9 +94,7 @@ class Diagnosis:
     left: LeftByForm = NOTHING_SEEN  # by names, of what could be explained
     unnamed: Candidate | None = None  # the best law without a name, where names were held against one
     narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
-    apart: tuple[
-        Part, ...
-    ] = ()  # sessions with parameters of their own, where that leaves less than the best
+    apart: tuple[Part, ...] = ()  # sessions with parameters of their own, which leaves less than the best
 
     @property
     def is_named(self) -> bool:
