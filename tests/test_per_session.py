@@ -88,6 +88,7 @@ def test_one_payload_is_a_refit_and_no_more():
 def test_sessions_of_a_few_samples_do_no_harm(n):
     dx = diagnosed(*recorded([0.5, 1.0, 2.0], n=n), FEW)
     assert dx.verdict_ in ("refit", "unknown", "ambiguous", "explained")
+    assert n > 20 or finding_of(dx) is None  # sixteen values, held-out ones not counted, tell no parameters
 
 
 @pytest.mark.long

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2, norm
 
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.stages.apart import Part
@@ -72,7 +73,6 @@ def _differs(values: np.ndarray, sure: np.ndarray, n_asked: int) -> bool:
 
 def _left(parts: Sequence[Part]) -> float:
     """Return the share of the outputs' variance that is left."""
-    spread = np.nanstd(parts[0].problem.y, axis=0)  # of the whole record, whichever windows a part has
-    spread = np.where(spread > 0, spread, 1.0)
+    spread = Noise.as_large_as(parts[0].problem.y).sigma  # of the whole record, whichever windows a part has
     left = sum(float(np.sum((part.problem.left_over(part.fit.model) / spread) ** 2)) for part in parts)
     return left / max(sum(int(part.problem.seen.sum()) for part in parts), 1)

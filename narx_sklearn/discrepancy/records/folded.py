@@ -75,11 +75,11 @@ def turn_of(values: np.ndarray, unit: str, sessions: Sequence[slice]) -> float |
     True
     """
     found = []
+    far = FAR * np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else np.inf
     for session in sessions:
         own = values[session]
-        own = own[np.isfinite(own)]
-        steps = np.diff(own)
-        at = np.flatnonzero(np.abs(steps) > FAR * np.ptp(values[np.isfinite(values)])) if own.size > 3 else ()
+        steps = np.diff(own[np.isfinite(own)])
+        at = np.flatnonzero(np.abs(steps) > far) if steps.size > 2 else ()
         for k in at:
             beside = [steps[i] for i in (k - 1, k + 1) if 0 <= i < steps.size and i not in at]
             found.append(abs(steps[k] - np.mean(beside)) if beside else abs(steps[k]))

@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import SMALL, fit
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.mistakes import BOX, SCALE_RANGE, boxed
@@ -51,8 +52,7 @@ def still_standing(
     n_undone = sum("after" in finding.evidence for finding in findings)
     if not n_undone:
         return list(findings)  # none was undone on trial
-    spread = np.nanstd(problem.y, axis=0)
-    spread = np.where(spread > 0, spread, 1.0)
+    spread = Noise.as_large_as(problem.y).sigma
 
     def missed(model: Model) -> float:
         if _n_far(problem.simulator, model.p) >= n_undone:

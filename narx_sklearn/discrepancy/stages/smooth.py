@@ -9,6 +9,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
+    KNOTS,
     ends_of,
     heights_through,
     knots_where_it_bends,
@@ -55,12 +56,12 @@ def _as_given(problem: Problem, model: Model, curve: PlacedEffect) -> Model:
     low, high = ends_of(simulated)
     if not high > low:
         return model._replace(effects=(*model.effects[:-1], curve))
-    knots = np.linspace(low, high, len(curve.effect.parameters) // 2)
+    knots = np.linspace(low, high, KNOTS)
     for _ in range(ROUNDS):
         heights = heights_through(knots, simulated, measured - simulated)
         nearer = knots_where_it_bends(knots, heights, simulated)
         knots = nearer if np.all(np.diff(nearer) > 0) else knots
     heights = heights_through(knots, simulated, measured - simulated)
     drawn = with_knots(curve, knots)
-    drawn = drawn.at((*heights, *drawn.theta[heights.size :]))
+    drawn = drawn.at((*heights, *drawn.theta[KNOTS:]))
     return given._replace(effects=(*model.effects[:-1], drawn))

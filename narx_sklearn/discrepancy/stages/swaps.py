@@ -53,7 +53,7 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
     asked = {h.placed.effect.code: h.placed.effect for h in hypotheses if h.asked}
     ordinary = {h.placed.place: h.starts[0] for h in hypotheses if len(h.starts)}
     found = []
-    for i, member in enumerate(best.effects):
+    for member in best.effects:
         general, n = member.effect, len(member.effect.parameters)
         given = {(p.name, p.unit): value for p, value in zip(general.parameters, member.theta, strict=False)}
         for special in (asked[code] for code in general.holds if code in asked):
@@ -65,12 +65,9 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
                 continue
             theta = (*(float(known[name]) for name in names), *member.theta[n:])
             simpler = replace(member, effect=special, theta=theta)
-            before, after = (
-                [e for e in others if e.place != simpler.place]
-                for others in (best.effects[:i], best.effects[i + 1 :])
-            )
-            same = [e for e in best.effects if e.place == simpler.place]
-            effects = (*before, _as_one([simpler, *same]), *after)
+            one = _as_one([simpler, *(e for e in best.effects if e.place == simpler.place)])
+            changed = [one if e is member else e for e in best.effects]
+            effects = tuple(e for e in changed if e is one or e.place != one.place)
             model = best.fit.model._replace(effects=effects)
             found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
     return found
