@@ -184,7 +184,7 @@ def test_a_law_that_says_more_than_what_follows_no_signal_is_told_though_it_leav
     monkeypatch.setattr(diagnosis, "look_for_unforeseen", lambda *given: SimpleNamespace(p_value=1e-9))
     monkeypatch.setattr(diagnosis, "leave_little", lambda *given: False)
     monkeypatch.setattr(diagnosis, "which_leads", lambda *given: asked.append(given[3]))
-    monkeypatch.setattr(diagnosis, "fitted_beside", lambda problem, fit, seen: (fit, seen))
+    monkeypatch.setattr(diagnosis, "fitted_beside", lambda problem, fit, seen, n_jobs: (fit, seen))
     nothing = SimpleNamespace(model=SimpleNamespace(effects=()))
     shapeless = Judgement("unknown", Candidate(nothing, 10), (), law)
     searched = Searched(SimpleNamespace(n_seen=10), nothing, [])

@@ -26,7 +26,7 @@ from narx_sklearn.discrepancy.locate import (
 )
 from narx_sklearn.discrepancy.locate import _kalman as kernels
 from narx_sklearn.discrepancy.locate._covered import cover
-from narx_sklearn.discrepancy.locate._likelihood import TINY_NOISE, no_force
+from narx_sklearn.discrepancy.locate._likelihood import TINY_NOISE, Colour, no_force
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 
@@ -132,17 +132,21 @@ def random_model(rng, n, n_states, n_outputs):
     g, C = rng.normal(size=(n, n_states)), rng.normal(size=(n, n_outputs, n_states))
     d = rng.normal(size=(n, n_outputs))
     seam = rng.choice([0, 0, 0, 0, 1, 3, -1], size=n).astype(np.int64)
-    phi, rho = rng.uniform(0.5, 0.99), rng.uniform(0.1, 0.9, n_outputs)
-    return A, g, C, d, seam, phi, 0.7, rho, rng.uniform(0.5, 2, n_states)
+    phi, rho, coloured = (
+        rng.uniform(0.5, 0.99),
+        rng.uniform(0.1, 0.9, n_outputs),
+        rng.uniform(0.2, 3, n_outputs),
+    )
+    return A, g, C, d, seam, phi, 0.7, rho, coloured, rng.uniform(0.5, 2, n_states)
 
 
 def dense(model, r):
     """Return mean-free covariances: of all outputs, of all forces, and between forces and outputs."""
-    A, g, C, d, seam, phi, w_var, rho, start = model
+    A, g, C, d, seam, phi, w_var, rho, s, start = model
     n, n_states, n_outputs = A.shape[0], A.shape[1], C.shape[1]
     coloured = bool((rho > 0).any())
     size = n_states + 1 + (n_outputs if coloured else 0)
-    first = np.diag(np.concatenate([start, [w_var], np.ones(size - n_states - 1)]))
+    first = np.diag(np.concatenate([start, [w_var], s[: size - n_states - 1]]))
     joint = np.zeros((n * size, n * size))
     joint[:size, :size] = first
     for k in range(n - 1):
@@ -166,7 +170,7 @@ def dense(model, r):
                 row[n_states + 1 + o] = 1.0
     forces = np.arange(n) * size + n_states
     states = (np.arange(n)[:, None] * size + np.arange(n_states)).ravel()
-    return H @ joint @ H.T + r * np.eye(len(H)), joint, H, forces, states
+    return H @ joint @ H.T + np.diag(np.tile(r, n)), joint, H, forces, states
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -176,7 +180,7 @@ def dense(model, r):
 )
 def test_filter_and_smoother_agree_with_dense_gaussian_conditioning(n_states, n_outputs, white, compiled):
     rng = np.random.default_rng(n_states + 10 * n_outputs)
-    n, r = 14, 0.3
+    n, r = 14, rng.uniform(0.1, 0.5, n_outputs)
     model = random_model(rng, n, n_states, n_outputs)
     model[7][white] = 0.0
     b = rng.normal(size=(n, n_outputs, 1))
@@ -187,7 +191,7 @@ def test_filter_and_smoother_agree_with_dense_gaussian_conditioning(n_states, n_
     w, variance, dx = np.empty(n), np.empty(n), np.empty((n, n_states))
     run_filter = kernels.filter_windows if compiled else kernels.filter_windows.py_func
     run_smoother = kernels.smooth_windows if compiled else kernels.smooth_windows.py_func
-    run_filter(*model[:8], r, model[8], b, nu, S, gain, row)
+    run_filter(*model[:9], r, model[9], b, nu, S, gain, row)
     run_smoother(*model, nu, S, gain, row, w, variance, dx)
 
     covariance, joint, H, forces, states = dense(model, r)
@@ -286,7 +290,7 @@ def test_each_output_has_the_colour_of_one_covariance_matrix(rho):
     residual = rng.normal(size=(n, 2))
     residual[rng.random((n, 2)) < 0.1] = np.nan
     covered = cover(linear, residual, windows_of(n, 30), np.ones(2))
-    ours = no_force(covered, rho).samples.sum()
+    ours = no_force(covered, Colour.of(rho)).samples.sum()
     assert ours == pytest.approx(dense_log_likelihood(covered, rho), rel=1e-6)
 
 

@@ -2,12 +2,12 @@
 
     dx[k+1] = A[k] dx[k] + g[k] w[k]          deviation of the states, free at the start of every window
     w[k+1]  = phi w[k] + noise                the unknown signal at the port, variance w_var
-    v[k+1]  = diag(rho) v[k] + noise          coloured noise of each output, variance 1 (left out at rho = 0)
+    v[k+1]  = diag(rho) v[k] + noise          coloured noise of each output, variance s (left out at rho = 0)
     b[k]    = C[k] dx[k] + d[k] w[k] + v[k] + white noise of variance r
 
-The state is (dx, w, v). ``rho`` has shape (n_outputs,); where it is 0 for some outputs alone, their v is new
-at every sample. ``seam`` says what follows a sample: 0 the next sample of the window; n > 0 a new window, n
-samples later; -1 a new session.
+The state is (dx, w, v). ``rho``, ``s`` and ``r`` have shape (n_outputs,); where rho is 0 for some outputs
+alone, their v is new at every sample. ``seam`` says what follows a sample: 0 the next sample of the window;
+n > 0 a new window, n samples later; -1 a new session.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def state_size(n_states, n_outputs, rho):
 
 
 @njit(cache=True, nogil=True)
-def _begin(P, start, w_var):
+def _begin(P, start, w_var, s):
     """Write the covariance with which a session begins."""
     n = start.size
     P[:] = 0.0
@@ -29,7 +29,7 @@ def _begin(P, start, w_var):
         P[i, i] = start[i]
     P[n, n] = w_var
     for i in range(n + 1, P.shape[0]):
-        P[i, i] = 1.0
+        P[i, i] = s[i - n - 1]
 
 
 @njit(cache=True, nogil=True)
@@ -51,14 +51,14 @@ def _transition(F, A, g, phi, rho, seam):
 
 
 @njit(cache=True, nogil=True)
-def _added_variance(Q, F, start, w_var, seam):
+def _added_variance(Q, F, start, w_var, s, seam):
     """Write the variances of the process noise of one transition."""
     n = start.size
     for i in range(n):
         Q[i] = 0.0 if seam == 0 else start[i]
     Q[n] = w_var * (1.0 - F[n, n] ** 2)
     for i in range(n + 1, Q.size):
-        Q[i] = 1.0 - F[i, i] ** 2
+        Q[i] = s[i - n - 1] * (1.0 - F[i, i] ** 2)
 
 
 @njit(cache=True, nogil=True)
@@ -74,7 +74,7 @@ def _observe(h, C, d, output):
 
 
 @njit(cache=True, nogil=True)
-def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, row):
+def filter_windows(A, g, C, d, seam, phi, w_var, rho, s, r, start, b, nu, S, gain, row):
     """Run the filter over series that share one model.
 
     Written: ``nu`` (n, n_outputs, n_series) innovations and ``S`` (n, n_outputs) their variance, both zero
@@ -93,7 +93,7 @@ def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, 
     h = np.empty(size)
     Ph = np.empty(size)
     keep = row.shape[0] > 0
-    _begin(P, start, w_var)
+    _begin(P, start, w_var, s)
     for k in range(n_samples):
         if keep:
             for i in range(size):
@@ -108,7 +108,7 @@ def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, 
                         gain[k, o, i] = 0.0
                 continue
             _observe(h, C[k], d[k], o)
-            variance = r
+            variance = r[o]
             for i in range(size):
                 total = 0.0
                 for j in range(size):
@@ -129,7 +129,7 @@ def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, 
                 for j in range(size):
                     P[i, j] -= Ph[i] * Ph[j] / variance
         _transition(F, A[k], g[k], phi, rho, seam[k])
-        _added_variance(Q, F, start, w_var, seam[k])
+        _added_variance(Q, F, start, w_var, s, seam[k])
         # only dx and w feed dx; w and v feed but themselves
         for i in range(size):
             last = n + 1 if i < n else i + 1
@@ -160,7 +160,7 @@ def filter_windows(A, g, C, d, seam, phi, w_var, rho, r, start, b, nu, S, gain, 
 
 
 @njit(cache=True, nogil=True)
-def smooth_windows(A, g, C, d, seam, phi, w_var, rho, start, nu, S, gain, row, w, w_variance, dx):
+def smooth_windows(A, g, C, d, seam, phi, w_var, rho, s, start, nu, S, gain, row, w, w_variance, dx):
     """Run the smoother on what the filter kept of its first series.
 
     The backward pass carries the adjoint (lam, Lam) of the state in the form of Bryson and Frazier, so no
@@ -224,7 +224,7 @@ def smooth_windows(A, g, C, d, seam, phi, w_var, rho, start, nu, S, gain, row, w
         w_variance[k] = max(spread, 0.0)
     x = np.zeros(size)
     P = np.empty((size, size))
-    _begin(P, start, w_var)
+    _begin(P, start, w_var, s)
     for i in range(size):
         x[i] = -P[i, i] * adjoint[0, i]
     for k in range(n_samples):
@@ -237,7 +237,7 @@ def smooth_windows(A, g, C, d, seam, phi, w_var, rho, start, nu, S, gain, row, w
                     x[i] = -P[i, i] * adjoint[k + 1, i]
                 continue
             _transition(F, A[k], g[k], phi, rho, seam[k])
-            _added_variance(Q, F, start, w_var, seam[k])
+            _added_variance(Q, F, start, w_var, s, seam[k])
             for i in range(size):
                 total = -Q[i] * adjoint[k + 1, i]
                 for j in range(size):

@@ -8,14 +8,8 @@ from scipy.stats import chi2
 from narx_sklearn.discrepancy.locate._covered import Covered, Entrance, Entry, cover, thinned
 from narx_sklearn.discrepancy.locate._hats import additive_hats
 from narx_sklearn.discrepancy.locate._kalman import respond
-from narx_sklearn.discrepancy.locate._likelihood import (
-    best_force,
-    best_rho,
-    distinct,
-    estimate,
-    no_force,
-    regressed,
-)
+from narx_sklearn.discrepancy.locate._likelihood import Colour, estimate, no_force, regressed
+from narx_sklearn.discrepancy.locate._search import Search, distinct
 from narx_sklearn.discrepancy.locate.tangent import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
@@ -139,10 +133,13 @@ def background(linear: Tangent, residual: np.ndarray, windows: Windows, *, noise
     n_outputs = residual.shape[1]
     energy = np.nanmean(residual**2, axis=0) if np.isfinite(residual).any() else np.zeros(n_outputs)
     sigma = np.sqrt(np.where(energy > 0, energy, 1.0))
-    rho, concentrated = best_rho(cover(linear, residual, windows, sigma), noise)
-    sigma = sigma * np.sqrt(concentrated)
     covered = cover(linear, residual, windows, sigma)
-    found = no_force(covered, rho, keep=True)
+    rho = np.zeros(n_outputs)
+    if noise == "ar1":
+        rho = Search.of(covered, covered.b, Entrance.closed(covered), 1.0).likeliest_rho()
+    sigma = sigma * np.sqrt(no_force(covered, Colour.of(rho)).concentrated)
+    covered = cover(linear, residual, windows, sigma)
+    found = no_force(covered, Colour.of(rho), keep=True)
     n = residual.shape[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         innovations = np.where(found.S > 0, found.nu[:, :, 0] / np.sqrt(found.S), np.nan)
@@ -236,13 +233,13 @@ def latent_force(
     entrance = Entrance.of(linear, covered, entry, against.sigma)
     lengths = windows.last - windows.first
     phi = float(np.exp(-1.0 / (np.median(lengths) if memory is None else memory)))
-    w_var, rho, _ = best_force(covered, entrance, phi, against.rho, noise)
-    found = estimate(covered, entrance, phi, w_var, rho, keep=True)
+    w_var, colour, _ = Search.of(covered, covered.b, entrance, phi).best_force(against.rho, noise)
+    found = estimate(covered, entrance, phi, w_var, colour, keep=True)
     n = residual.shape[0]
     null = against.log_likelihood.sum()
     if found.samples.sum() < null:  # the pieces searched did not speak for the record: no force is better
-        w_var, rho = 0.0, against.rho
-        found = estimate(covered, entrance, phi, w_var, rho, keep=True)
+        w_var, colour = 0.0, Colour.of(against.rho)
+        found = estimate(covered, entrance, phi, w_var, colour, keep=True)
     gain = float(found.samples.sum() - null)
     best = found.samples
     explained = covered.shown(found.dx) + entrance.d * found.w[:, None]
@@ -251,10 +248,10 @@ def latent_force(
         signals = arguments[covered.samples]
         if entry.port.kind == "state":
             signals = signals + found.dx
-        own, rho_own = _as_function(covered, entrance, signals, phi, w_var, rho)
+        own, own_colour = _as_function(covered, entrance, signals, phi, w_var, colour)
         own_gain = float(own.sum() - null)
         if own_gain > gain:
-            best, rho = own, rho_own
+            best, colour = own, own_colour
     left = np.nansum((covered.b[:, :, 0] - explained) ** 2)
     before = np.nansum((against.remainder / against.sigma) ** 2)
     return LatentForce(
@@ -266,14 +263,14 @@ def latent_force(
         own_gain=own_gain,
         share=float(max(1.0 - left / before, 0.0)) if before > 0 else 0.0,
         p_value=float(chi2.sf(2 * max(gain, 0.0), 2)),
-        rho=rho,
+        rho=colour.rho,
         sigma=float(np.sqrt(found.concentrated)),
         amplitude=float(np.sqrt(w_var * found.concentrated)),
         log_likelihood=covered.in_record(best, n, 0.0),
     )
 
 
-def _as_function(covered: Covered, entrance: Entrance, signals, phi, w_var, rho):
+def _as_function(covered: Covered, entrance: Entrance, signals, phi, w_var, colour: Colour):
     """Return the log likelihood of each sample, and the colour, when the force is a function of ``signals``.
 
     What the function leaves of the force is a latent force again, of less variance. Half log n for each
@@ -282,11 +279,13 @@ def _as_function(covered: Covered, entrance: Entrance, signals, phi, w_var, rho)
     basis = additive_hats(signals)
     part, rows = thinned(covered)
     candidates = [
-        (w_var * share, colour) for share in REMAINDERS for colour in distinct(np.zeros(rho.size), rho)
+        (w_var * share, Colour.of(rho))
+        for share in REMAINDERS
+        for rho in distinct(np.zeros(colour.rho.size), colour.rho)
     ]
 
-    def priced(part: Covered, entering: Entrance, series: np.ndarray, w_var: float, rho) -> np.ndarray:
-        samples, *_, n_told = regressed(part, entering, series, phi, w_var, rho)
+    def priced(part: Covered, entering: Entrance, series: np.ndarray, w_var: float, colour) -> np.ndarray:
+        samples, *_, n_told = regressed(part, entering, series, phi, w_var, colour)
         return samples - 0.5 * n_told * np.log(part.observed) / samples.size
 
     if len(candidates) > 1:

@@ -444,7 +444,7 @@ def _unless_unforeseen(
         if leading is None or (leading[0] is told and follows):
             return by_law, p_missing
         base, seen = leading
-    beside, seen = fitted_beside(problem, base.fit, seen)
+    beside, seen = fitted_beside(problem, base.fit, seen, settings.n_jobs)
     best = Candidate(beside, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing

@@ -30,6 +30,7 @@ FINALISTS = 3  # of all tried on a part of the record, that are tried on the who
 ROUNDS = 4  # of parameters and course in turn
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of a step, tried until one is an improvement
 NO_STEP = 0.01  # of a standard error, in every parameter
+MORE_WANDERING = 2  # values of an output's noise that is white and wanders over those of one colour
 N_VALUES = 2  # of a course: its size and its memory
 ADDED = "a disturbance that follows no signal"
 GAIN = "an input's effect that comes and goes"
@@ -70,10 +71,11 @@ class Unforeseen(NamedTuple):
     acting: Acting
     memory: float  # samples
     deviance: float  # minus twice the log-likelihood with it
-    of_noise: float  # the same with noise alone, of one colour or wandering on an output
+    of_noise: float  # the same with noise alone, of one colour or wandering on outputs
     n_tried: int
     errors: np.ndarray  # (n_q,) standard errors beside it of all that was fitted
     noise: Noise  # that is left
+    wanders: bool = False  # whether that noise does, on every output in its own way
 
     @property
     def p_value(self) -> float:
@@ -99,8 +101,9 @@ def look_for_unforeseen(
 ) -> Unforeseen | None:
     """Return what follows no signal and is likeliest beside a fitted model; None where nothing can be.
 
-    Held against it is noise, white, of one colour, or wandering on any output, all of which may drift: that
-    is no force. What is in proportion to a state is so to the machine's, which what is added tells best.
+    Held against it is noise, white, of one colour, or wandering on one output or on each in its own way, all
+    of which may drift: that is no force. It may act beside noise that wanders, too. What is in proportion to
+    a state is so to the machine's, which what is added tells best.
     """
     beside, run = beside_fit(problem, model, may_drift=True), problem.run(model)
     added = [Acting(Entry(port)) for port in ports_inside(structure)]
@@ -111,11 +114,17 @@ def look_for_unforeseen(
     moved = np.nan_to_num(run.x) + np.nan_to_num(beside.deviations(plain.course, len(problem.y)))
     factors = list(factors_inside(problem, moved, structure))
     found = [plain, *([likeliest_course(beside, factors, n_jobs)] if factors else [])]
-    acting, course, deviance = min(found, key=lambda likely: likely.deviance)
+    best = min(found, key=lambda likely: likely.deviance)
     of_noise = min(beside.noise_alone, likeliest_course(beside, on_sensors, n_jobs).deviance)
+    course = beside.in_wandering_noise(best.course)
+    wandering = Likely(best.acting, course, beside.deviance(course))
+    price = MORE_WANDERING * len(on_sensors) * np.log(problem.n_seen)  # Schwarz 1978
+    wanders = bool(wandering.deviance < best.deviance - price)
+    acting, course, deviance = wandering if wanders else best
     n_tried = (len(added) + len(factors)) * len(MEMORIES)
     refined = beside.refined(course)
-    return Unforeseen(acting, course.memory, deviance, of_noise, n_tried, refined.errors, noise_left(refined))
+    left = noise_left(refined)
+    return Unforeseen(acting, course.memory, deviance, of_noise, n_tried, refined.errors, left, wanders)
 
 
 def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None = None) -> Likely:
@@ -144,9 +153,8 @@ def beside_fit(problem: Problem, model: Model, *, may_drift: bool = False) -> Be
     responses = np.zeros((*problem.y.shape, jacobian.shape[2]))
     by_sample = jacobian.reshape(*problem.seen.shape, jacobian.shape[2])
     responses[problem.rows[problem.inside]] = by_sample[problem.inside]
-    if may_drift:
-        responses = np.concatenate([responses, np.stack(drifts_of(problem), axis=2)], axis=2)
-    return BesideFit.of(linear, problem.y - run.y, problem.windows, responses)
+    drifts = np.stack(drifts_of(problem), axis=2) if may_drift else None
+    return BesideFit.of(linear, problem.y - run.y, problem.windows, responses, drifts)
 
 
 def ports_inside(structure: Structure) -> list[Port]:
@@ -177,45 +185,61 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
                 yield Acting(Entry(placed.port, signal, onward, share), placed.argument_name)
 
 
-def fitted_beside(problem: Problem, refitted: Fit, unforeseen: Unforeseen) -> tuple[Fit, Unforeseen]:
+def fitted_beside(
+    problem: Problem, refitted: Fit, unforeseen: Unforeseen, n_jobs: int | None = None
+) -> tuple[Fit, Unforeseen]:
     """Fit all parameters of a fitted model beside something unforeseen, which a refit takes into them.
 
     Generalised least squares, linear about one fit after the other (Aitken 1935), within the bounds, with
     steps as long as they improve it.
     """
-    acting, memory = unforeseen.acting, unforeseen.memory
+    acting = unforeseen.acting
     lower, upper = all_bounds(problem, refitted.model).T
 
-    def judged(at: Fit) -> tuple[float, Refined]:
+    def acts(beside: BesideFit) -> Course:
+        course = likeliest_course(beside, [acting], n_jobs).course
+        return beside.in_wandering_noise(course) if unforeseen.wanders else course
+
+    def judged(at: Fit) -> tuple[float, Course, Refined]:
         beside = beside_fit(problem, at.model)
-        course = beside.course(acting.entry, memory)
-        return beside.deviance(course), beside.refined(course)
+        there = beside.as_it_is()  # a step is linear, and has to be an improvement where it leads
+        course = acts(beside)
+        return there.deviance(acts(there)), course, beside.refined(course)
 
     def stepped(share: float) -> Fit:
         q = np.clip(found.model.q + share * refined.move, lower, upper)
         return fit_states(problem, found.model.with_q(q))
 
     found = refitted
-    least, refined = judged(found)
+    least, course, refined = judged(found)
     for _ in range(ROUNDS):
         if np.all(np.abs(refined.move) <= NO_STEP * refined.errors):
             break
         for at in map(stepped, SHARES):
             if not np.isfinite(at.cost):  # too long a step may go where the simulation diverges
                 continue
-            deviance, further = judged(at)
-            if deviance < least:
+            further = judged(at)
+            if further[0] < least:
                 break
         else:
             break
-        found, least, refined = at, deviance, further
-    return found, unforeseen._replace(errors=refined.errors, noise=noise_left(refined))
+        found, (least, course, refined) = at, further
+    left = noise_left(refined)
+    return found, unforeseen._replace(memory=course.memory, errors=refined.errors, noise=left)
 
 
 def noise_left(refined: Refined) -> Noise:
-    """Return the noise that is left, white or of one colour on each output."""
-    colours = tuple(np.array([rho]) if rho > 0 else np.zeros(0) for rho in refined.rho)
-    return Noise(colours, refined.deviation * np.sqrt(1.0 - refined.rho**2))
+    """Return the noise that is left: white, of one colour, or one that wanders on each output."""
+    colour, unit = refined.colour, refined.unit
+    if np.all(colour.white == colour.white[0]) and np.all(colour.coloured == 1.0):  # as Colour.of has it
+        colours = tuple(np.array([rho]) if rho > 0 else np.zeros(0) for rho in colour.rho)
+        return Noise(colours, unit * np.sqrt(1.0 - colour.rho**2))
+    # white noise over an autoregression is one with a moving average (Granger and Morris 1976)
+    rho, white = colour.rho, colour.white
+    lagged = rho * white
+    half = 0.5 * (colour.coloured * (1.0 - rho**2) + white * (1.0 + rho**2))
+    variance = half + np.sqrt(half**2 - lagged**2)
+    return Noise(tuple(rho[:, None]), unit * np.sqrt(variance), tuple(lagged / variance))
 
 
 def which_leads(
