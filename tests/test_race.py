@@ -1,5 +1,7 @@
 """How far leaders are fitted: what cannot come near the best any more is left as it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,8 +18,11 @@ from narx_sklearn.discrepancy.search.explain import IN_REACH, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import unnamed
+from narx_sklearn.discrepancy.stages.unnamed import best_unnamed
 from narx_sklearn.physics.effects import CATALOGUE
 
 NOISE = 0.02  # m
@@ -108,3 +113,47 @@ def test_a_surface_without_a_name_fits_as_well_as_the_name(hardening):
     assert found[0].fit.cost < 1.02 * named.cost
     alone = refit_leaders(problem, beside, placed, finished=1, twins=0)
     assert alone[0].fit.cost > found[0].fit.cost
+
+
+def test_laws_that_stay_behind_the_right_name_are_not_fitted_to_the_end(hardening, monkeypatch):
+    problem, base, _, structure = hardening
+    named = Candidate(fit(problem, base.model._replace(effects=(CUBIC,))), problem.n_seen)
+    spent = []
+
+    def counted(*args, **options):
+        found = fit(*args, **options)
+        spent.append(found.iterations)
+        return found
+
+    monkeypatch.setattr(explain, "fit", counted)
+    settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+
+    def asked(best):
+        spent.clear()
+        law = best_unnamed(problem, base, best, structure, settings, [])
+        return law, sum(spent)
+
+    quick, work = asked(named)
+    monkeypatch.setattr(unnamed, "_is_enough", lambda *given: False)
+    thorough, whole = asked(named)
+    assert work < 0.9 * whole
+    # the name is as far ahead, and the law that comes nearest is the same
+    assert quick.effects[-1].place == thorough.effects[-1].place
+    assert quick.criterion == pytest.approx(thorough.criterion, abs=1.0)
+
+
+def test_laws_need_not_come_near_what_is_no_measure_of_them(hardening):
+    problem, base, _, _ = hardening
+
+    def is_enough(model, problem=problem):
+        return unnamed._is_enough(problem, Candidate(base._replace(model=model), problem.n_seen))
+
+    named = base.model._replace(effects=(CUBIC,))
+    offset = PlacedEffect(CATALOGUE["sensor_bias"], Port("output", 0), theta=(0.1,))
+    assert is_enough(named)
+    assert not is_enough(base.model)
+    assert not is_enough(named._replace(effects=(offset,)))
+    assert not is_enough(named._replace(effects=(replace(CUBIC, odd=True),)))
+    assert not is_enough(named._replace(p=named.p * (1.0, 1.0, 100.0)))
+    coloured = Noise((np.array([0.9]),), np.array([NOISE]))
+    assert not is_enough(named, problem.with_noise(coloured))

@@ -2,10 +2,10 @@
 
 ``ports`` compares the unknown signals that ``latent_force`` estimates on the ``tangent`` of a run, by their
 ``_likelihood`` over the ``_covered`` samples (kernels in ``_kalman``; ``_search`` finds the likeliest), and
-``beside_fit`` what follows no signal with noise; ``concentrated`` takes off what parameters may make of one, ``force_curve`` and
-``invariances`` (over ``_hats``) say what it is like. Of an effect that is known, ``felt`` says in which
-equation or output. ``segments`` and ``events`` tell when, ``regions`` over ``features`` where in the
-machine's operation, ``bands`` at which frequencies.
+``beside_fit`` what follows no signal with noise; ``concentrated`` takes off what parameters may make of one,
+``force_curve`` and ``invariances`` (over ``_hats``) say what it is like. Of an effect that is known, ``felt``
+says in which equation or output. ``segments`` and ``events`` tell when, ``regions`` over ``features`` where
+in the machine's operation, ``bands`` at which frequencies.
 """
 
 from narx_sklearn.discrepancy.locate._covered import Entry

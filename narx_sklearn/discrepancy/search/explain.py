@@ -50,6 +50,7 @@ def refit_leaders(
     known: Sequence[Candidate] = (),
     twins: int = TWINS,
     elsewhere: Sequence[Fit] = (),
+    ahead_of_all: Candidate | None = None,
 ) -> list[Candidate]:
     """Fit each leader together with everything that is in the model already; best first, each place once.
 
@@ -58,7 +59,8 @@ def refit_leaders(
     too: what the refit made of them without the effect may lie in another valley. Where the best came to
     quite other values of them than the next, these are tried from there as well. All begin from the fits
     ``elsewhere`` too. Those ``known``, fitted before under another noise, go on from there; of them the best
-    are no less leaders.
+    are no less leaders. What does not come near one ``ahead_of_all``, which is known as well, is not fitted
+    to the end.
     """
     before = {c.effects[-1].place: c.fit.model for c in reversed(known)}
     within = min((c.criterion for c in known), default=0.0) + IN_REACH
@@ -72,7 +74,9 @@ def refit_leaders(
         )
         models += [one.model for one in begun]
     twins = 0 if base.model.effects or before else twins
-    found, left_behind = _in_rounds(problem, base, models, n_jobs, twins=twins, finished=finished)
+    found, left_behind = _in_rounds(
+        problem, base, models, n_jobs, twins=twins, finished=finished, leader=ahead_of_all
+    )
     if finished is None:
         found, left_behind = _from_where_the_best_is(problem, base, found, left_behind, n_jobs)
     found = _from_other_valleys(problem, base, found, n_jobs)
@@ -122,7 +126,7 @@ def _remaining(rounds: tuple[tuple[int, int], ...]) -> list[int]:
     return [sum(later[k:]) + FINE for k in range(len(rounds))]
 
 
-def _in_reach(candidate: Candidate, best: Candidate, base: Fit) -> bool:
+def in_reach(candidate: Candidate, best: Candidate, base: Fit) -> bool:
     """Tell whether a candidate leaves little more than the best."""
     near = candidate.criterion < best.criterion + IN_REACH
     return near or candidate.fit.cost - best.fit.cost < FORM * (base.cost - best.fit.cost)
@@ -132,7 +136,7 @@ def _may_catch_up(candidate: Candidate, best: Candidate, base: Fit, iterations: 
     """Tell whether a candidate takes off half as much as the best, or would be near it at twice its pace."""
     half_way = np.sqrt(base.cost * best.fit.cost)  # of the logarithm of the cost
     ahead = candidate.criterion - PACE * iterations * candidate.pace < best.criterion + IN_REACH
-    return candidate.fit.cost < half_way or ahead or _in_reach(candidate, best, base)
+    return candidate.fit.cost < half_way or ahead or in_reach(candidate, best, base)
 
 
 def _from_where_the_best_is(
@@ -214,7 +218,7 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     """Return the candidates, those in reach of the best from other values of their last effect too."""
 
     def settled(candidate: Candidate) -> Candidate:
-        if not (_in_reach(candidate, found[0], base) and may_lie_elsewhere(candidate.effects[-1])):
+        if not (in_reach(candidate, found[0], base) and may_lie_elsewhere(candidate.effects[-1])):
             return candidate
         other = Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
         return min(candidate, other, key=lambda c: c.criterion)

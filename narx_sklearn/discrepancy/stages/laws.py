@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import make_bank
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
-from narx_sklearn.discrepancy.search.explain import refit_leaders
+from narx_sklearn.discrepancy.search.explain import in_reach, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hypotheses
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.ranking import leaders
@@ -26,13 +26,18 @@ TRIED = 3  # laws of which the tangents tell most, that are fitted
 
 
 def best_laws(
-    problem: Problem, refitted: Fit, beside: Fit, structure: Structure, n_jobs: int | None = None
+    problem: Problem,
+    refitted: Fit,
+    beside: Fit,
+    structure: Structure,
+    n_jobs: int | None = None,
+    named: Candidate | None = None,
 ) -> list[Candidate]:
     """Return the best law of each kind, and its best at each other port; none of a kind that nothing moves.
 
-    They are fitted from the refit, and from the parameters that go with what stands ``beside`` it. Those with
-    a memory, and those that switch, are all fitted at first: how well the tangents tell one depends on how
-    near to it they begin.
+    They are fitted from the refit, and from the parameters that go with what stands ``beside`` it, and to the
+    end where they come near what is ``named``. Those with a memory, and those that switch, are all fitted at
+    first: how well the tangents tell one depends on how near to it they begin.
     """
     simulator, run = problem.simulator, problem.run(refitted.model)
     x = run.x[problem.rows[problem.inside]]
@@ -48,7 +53,7 @@ def best_laws(
         tried.append((hypotheses, len(hypotheses)))
     each = [_leading(problem, refitted, structure, some, n, n_jobs) for some, n in tried if some]
     each.append(placed_by_rate(simulator, run.y, problem.windows))
-    found = (_best(problem, refitted, beside, placed, n_jobs) for placed in each if placed)
+    found = (_best(problem, refitted, beside, placed, n_jobs, named) for placed in each if placed)
     return list(chain.from_iterable(found))
 
 
@@ -74,9 +79,17 @@ def _leading(
 
 
 def _best(
-    problem: Problem, refitted: Fit, beside: Fit, placed: list[PlacedEffect], n_jobs: int | None
+    problem: Problem,
+    refitted: Fit,
+    beside: Fit,
+    placed: list[PlacedEffect],
+    n_jobs: int | None,
+    named: Candidate | None,
 ) -> list[Candidate]:
     """Return the best law, fitted, and the best at other ports."""
-    found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
-    best = [without_spare(problem, counted_from_zero(problem, law)) for law in found[:1]]
-    return best + at_other_ports(found)
+    found = refit_leaders(
+        problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside], ahead_of_all=named
+    )
+    if not found or (named is not None and not in_reach(found[0], named, refitted)):
+        return found[:1] + at_other_ports(found)
+    return [without_spare(problem, counted_from_zero(problem, found[0])), *at_other_ports(found)]

@@ -68,14 +68,18 @@ def best_power(
     structure: Structure,
     known: Iterable[Hypothesis],
     n_jobs: int | None = None,
+    named: Candidate | None = None,
 ) -> Candidate | None:
     """Return the single force that goes best as a power none of what is ``known`` has; None where none does.
 
-    It is fitted from the refit, and from the parameters that go with what stands ``beside`` it.
+    It is fitted from the refit, and from the parameters that go with what stands ``beside`` it, to the
+    end where it comes near what is ``named``.
     """
     powers = placed_powers(problem.simulator, structure, _where_it_was(problem, refitted))
     placed = [odd_if_coupled(power, structure) for power in powers]
-    found = refit_leaders(problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside])
+    found = refit_leaders(
+        problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside], ahead_of_all=named
+    )
     return found[0] if found and _is_new(found[0].effects[-1], known) else None
 
 

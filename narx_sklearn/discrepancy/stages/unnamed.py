@@ -8,9 +8,9 @@ import numpy as np
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
-from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged
-from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance
-from narx_sklearn.discrepancy.search.explain import refit_leaders
+from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged, odd
+from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance, is_of_a_sensor
+from narx_sklearn.discrepancy.search.explain import in_reach, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.search.unnamed.polynomials import TERMS, held_beyo
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.coloured_search import went_far
 from narx_sklearn.discrepancy.stages.knots import drawn_again
 from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
@@ -43,7 +44,8 @@ def best_unnamed(
     So are forces that go as a power, but one that an effect has which is ``known``, or as a product, storages
     that change, what acts near one place, and what remembers at an input or output. All act beside what the
     refit has already. Beside what acts for a while, curves are tried that do too, and a change of the
-    simulator's own parameters meanwhile; and what pulsates at the frequencies of some ``waves``, Hz.
+    simulator's own parameters meanwhile; and what pulsates at the frequencies of some ``waves``, Hz. What
+    does not come near names is not fitted to the end, where that is enough to judge by.
     """
     curves = curves_along(problem, refitted, structure)
     times = {effect.during for effect in best.effects}
@@ -57,14 +59,38 @@ def best_unnamed(
         placed += [c.placed.acting(during) for c in curves]
     placed = [odd_if_coupled(law, structure) for law in placed]
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
-    found = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1, twins=0, elsewhere=[beside])
-    power = best_power(problem, refitted, beside, structure, known, settings.n_jobs)
-    laws = [drawn_again(problem, simplified(problem, curve)) for curve in found[:1]] + at_other_ports(found)
-    nothing = Candidate(refitted, problem.n_seen).criterion
-    laws = [smoothed(problem, law) if law.criterion < nothing else law for law in laws]
-    laws += best_laws(problem, refitted, beside, structure, settings.n_jobs)
+    named = best if _is_enough(problem, best) else None
+    found = refit_leaders(
+        problem,
+        refitted,
+        placed,
+        settings.n_jobs,
+        finished=1,
+        twins=0,
+        elsewhere=[beside],
+        ahead_of_all=named,
+    )
+    power = best_power(problem, refitted, beside, structure, known, settings.n_jobs, named)
+    laws = found[:1] + at_other_ports(found)
+    if laws and (named is None or in_reach(laws[0], named, refitted)):
+        laws[0] = drawn_again(problem, simplified(problem, laws[0]))
+        nothing = Candidate(refitted, problem.n_seen).criterion
+        laws = [smoothed(problem, law) if law.criterion < nothing else law for law in laws]
+    laws += best_laws(problem, refitted, beside, structure, settings.n_jobs, named)
     laws += [power] if power is not None else []
     return _likeliest(problem, laws, settings.n_jobs)
+
+
+def _is_enough(problem: Problem, best: Candidate) -> bool:
+    """Tell whether a law without a name has to come near to names to count.
+
+    It has not where they come from elsewhere, or are a sensor's, where the parameters went far with them, or
+    where the noise has a colour, which may hold what they leave.
+    """
+    if not best.effects or problem.noise.n_parameters or odd(best):
+        return False
+    at_sensors = all(is_of_a_sensor(effect) for effect in best.effects)
+    return not at_sensors and not went_far(best.fit.model.p, problem.simulator.nominal)
 
 
 def _likeliest(problem: Problem, laws: list[Candidate], n_jobs: int | None) -> Candidate | None:
