@@ -1,10 +1,21 @@
 """Sessions that were recorded with other parameters: told as such, and not as physics."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.per_session import _differs
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.settings import Settings
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.diagnosis import _apart_beside_names, _missed_in_each
+from narx_sklearn.physics.effects import CATALOGUE
 
 N = 500
 GIVEN = {"gain [m/s^2/V]": 18.0, "damping [1/s]": 7.0, "stiffness [1/s^2]": 135.0}
@@ -101,10 +112,72 @@ def test_what_looks_like_other_parameters_where_it_is_louder_has_its_name():
 
 
 @pytest.mark.long
-def test_where_physics_is_missing_too_the_sessions_are_told_beside_it():
-    dx = diagnosed(*recorded([0.8, 1.0, 1.4], friction=4.0))
-    assert dx.verdict_ == "unknown"
-    assert "one by one" in finding_of(dx).sentence
+@pytest.mark.parametrize("masses", [(0.8, 1.0, 1.4), (0.95, 1.0, 1.06)])
+def test_what_each_session_misses_has_its_name_beside_parameters_of_their_own(masses):
+    dx = diagnosed(*recorded(masses, friction=4.0))
+    assert dx.verdict_ in ("explained", "ambiguous")
+    (friction,) = dx.findings_
+    assert friction.effect == "coulomb_friction"
+    finding = finding_of(dx)
+    assert finding.evidence["missed"] == ["coulomb_friction"]
+    for name, true in zip(("gain", "damping", "stiffness"), TRUE, strict=True):
+        values = np.array(finding.evidence["parameters"][name])
+        np.testing.assert_allclose(values, true / np.array(masses), rtol=0.03)
+    assert finding.evidence["after"] < 0.012 < 0.04 < finding.evidence["before"]
+    assert "Coulomb friction in the equation of velocity is missing in each" in finding.sentence
+    # the corrected simulation is that of a session, and held against its own end
+    of = dx.conclusion_.diagnosis.of_session // N
+    assert f"of session {of + 1} by itself" in finding.sentence
+    assert friction.parameters["Fc"] == pytest.approx(4.0 / masses[of], rel=0.03)
+    assert (dx.conclusion_.held_out["start"] // N == of).all()
+    assert dx.scores_.loc["augmented", "nrmse"] < 0.02
+
+
+def alone(verdict, *names):
+    """Return a diagnosis of one session in which effects are named, and what each could be instead."""
+    port = Port("state", 1)
+    first, *others = [
+        SimpleNamespace(effects=tuple(PlacedEffect(CATALOGUE[code], port) for code in codes))
+        for codes in names
+    ]
+    is_named = verdict != "unknown"
+    return SimpleNamespace(is_named=is_named, verdict=verdict, best=first, alternatives=(tuple(others),))
+
+
+@pytest.mark.parametrize(
+    ("sessions", "missed"),
+    [
+        ([[["coulomb_friction"]], [["coulomb_friction"]]], ["coulomb_friction"]),
+        ([[["coulomb_friction", "cubic_stiffness"]], [["cubic_stiffness"]]], ["cubic_stiffness"]),
+        ([[["stribeck_friction"], ["coulomb_friction"]], [["coulomb_friction"]]], ["coulomb_friction"]),
+        ([[["coulomb_friction"]], [["cubic_stiffness"]]], []),
+    ],
+)
+def test_what_every_session_misses_is_what_none_excludes(sessions, missed):
+    found = _missed_in_each([alone("explained", *names) for names in sessions])
+    assert [effect.effect.code for effect in found] == missed
+    assert _missed_in_each([alone("explained", ["coulomb_friction"]), alone("unknown", ["creep"])]) == ()
+
+
+@pytest.mark.parametrize(("masses", "differ"), [((0.8, 1.0, 1.4), True), ((1.0, 1.0, 1.0), False)])
+def test_parameters_of_their_own_beside_a_name(masses, differ):
+    u, y, _ = recorded(masses, friction=4.0)
+    windows = cut([(slice(k * N, (k + 1) * N), k * N) for k in range(3)], 250, 4)
+    noise = Noise.white(np.array([0.01 * y.std()]))
+    problem = Problem(simulator(), u[:, None], y[:, None], windows, noise)
+    x0 = np.column_stack([y[windows.first], np.zeros(windows.count)])
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(3.0,))
+    base = Model(problem.simulator.nominal, (), x0)
+    refitted, named = (fit(problem, base._replace(effects=effects)) for effects in ((), (friction,)))
+    best = Candidate(named, problem.n_seen)
+    found = SimpleNamespace(is_named=True, best=best, problem=problem, refitted=refitted)
+    settings = Settings((), 0.005, 2, 4, None, 0, 1, lambda stage: None)
+    apart = _apart_beside_names(found, settings)
+    assert (apart is not None) == differ
+    if apart is not None:
+        values = [part.fit.model.p for part in apart.parts]
+        np.testing.assert_allclose(values, TRUE / np.array(masses)[:, None], rtol=0.03)
+    assert _apart_beside_names(SimpleNamespace(is_named=False, best=best), settings) is None
 
 
 @pytest.mark.parametrize(

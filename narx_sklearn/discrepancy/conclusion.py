@@ -256,6 +256,8 @@ def _concluded(
     of_record: Sequence[DataFinding],
 ) -> Conclusion:
     """Return what is concluded of a diagnosis, and which mistakes in the record still stand beside it."""
+    if diagnosis.of_session is not None:
+        split = split.of_session(diagnosis.of_session)
     best = diagnosis.best.fit.model
     standing = still_standing(list(of_record), diagnosis.problem, diagnosis.refitted.model, best)
     diagnosis, of_steps = mind_steps(diagnosis, settings.n_jobs)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2, norm
 
+from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.search.inference import intervals
@@ -16,7 +17,7 @@ BY_CHANCE = 0.05  # chance that a parameter which is the same in all sessions is
 
 
 def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
-    """Return a finding if sessions with parameters of their own leave less than all that was found."""
+    """Return a finding if sessions with parameters of their own leave less than one set for all."""
     if not diagnosis.apart:
         return []
     parameters = diagnosis.problem.simulator.parameters
@@ -24,10 +25,8 @@ def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
     sure = np.array([intervals(*part, LEVEL)[: len(parameters)] for part in diagnosis.apart])
     told = [i for i in range(len(parameters)) if _differs(values[:, i], sure[:, i], len(parameters))]
     told = told or list(range(len(parameters)))
-    before, after = (
-        float(np.sqrt(_left(parts)))
-        for parts in ([Part(diagnosis.problem, diagnosis.refitted)], diagnosis.apart)
-    )
+    together = diagnosis.together or Part(diagnosis.problem, diagnosis.refitted)
+    before, after = (float(np.sqrt(_left(parts))) for parts in ([together], diagnosis.apart))
     listed = "; ".join(
         f"{parameters[i].name} = "
         + ", ".join(
@@ -36,29 +35,57 @@ def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
         + f" {parameters[i].unit}".rstrip()
         for i in told
     )
-    outcome = (
-        "no session by itself misses anything. Something was changed in between (a payload, a medium, a "
-        "supply): simulate each with its own parameters (with_parameters), or give what was changed as a "
-        "measured input."
-        if diagnosis.is_apart
-        else "that is less than with all that was found. Something was changed in between (a payload, a "
-        "medium, a supply), or a law without a name looks like other parameters where the machine is moved "
-        "farther: diagnose the sessions one by one."
-    )
     return [
         DataFinding(
             "sessions",
             "The simulation's parameters are not the same in all sessions. In one after the other: "
             f"{listed}. One set for all leaves {100 * before:.3g} % of the outputs' spread, own ones leave "
-            f"{100 * after:.3g} %; {outcome}",
+            f"{100 * after:.3g} %; {_outcome(diagnosis)}",
             {
                 "parameters": {parameters[i].name: values[:, i].tolist() for i in told},
                 "intervals": {parameters[i].name: sure[:, i].tolist() for i in told},
+                "missed": [effect.effect.code for effect in diagnosis.missed_in_each],
                 "before": before,
                 "after": after,
             },
         )
     ]
+
+
+def _outcome(diagnosis: Diagnosis) -> str:
+    """Return what is missing besides, and what can be done."""
+    if diagnosis.is_apart:
+        return (
+            "no session by itself misses anything. Something was changed in between (a payload, a medium, a "
+            "supply): simulate each with its own parameters (with_parameters), or give what was changed as a "
+            "measured input."
+        )
+    if diagnosis.of_session is not None:
+        began = [int(part.problem.windows.began[0]) for part in diagnosis.apart]
+        return (
+            f"{_missed(diagnosis)} is missing in each. Something was changed in between (a payload, a "
+            "medium, a supply): give it as a measured input. All that follows is of session "
+            f"{began.index(diagnosis.of_session) + 1} by itself, and so is the corrected simulation; "
+            "simulate the others with their own parameters."
+        )
+    if diagnosis.is_named:
+        return (
+            "what is named acts besides. Something was changed in between (a payload, a medium, a supply): "
+            "give it as a measured input, or simulate each with its own parameters (with_parameters); the "
+            "corrected simulation has one set for all."
+        )
+    return (
+        "that is less than with all that was found. Something was changed in between (a payload, a medium, a "
+        "supply), or a law without a name looks like other parameters where the machine is moved farther: "
+        "diagnose the sessions one by one."
+    )
+
+
+def _missed(diagnosis: Diagnosis) -> str:
+    """Return what each session misses, and where, in words."""
+    simulator = diagnosis.problem.simulator
+    effects = diagnosis.missed_in_each
+    return " and ".join(f"{e.effect.title} {port_in_words(e.port, simulator)}" for e in effects)
 
 
 def _differs(values: np.ndarray, sure: np.ndarray, n_asked: int) -> bool:

@@ -29,6 +29,11 @@ class Split(NamedTuple):
     held_out: list[Piece]
     beginnings: bool  # whether those held out are the beginnings, not the ends
 
+    def of_session(self, began: int) -> "Split":
+        """Return the pieces of one session, which began at a sample."""
+        fitting, held_out = ([p for p in pieces if p[1] == began] for pieces in self[:2])
+        return self._replace(fitting=fitting, held_out=held_out)
+
 
 def read_record(X, y, simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
     """Return inputs and outputs as arrays, in the order of the simulator's.

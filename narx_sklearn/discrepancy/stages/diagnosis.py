@@ -1,5 +1,6 @@
 """The chain of a diagnosis: refit, test, name, decide."""
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -10,6 +11,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
@@ -22,7 +24,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
-from narx_sklearn.discrepancy.stages.apart import Part, began_of, fit_apart
+from narx_sklearn.discrepancy.stages.apart import Apart, Part, began_of, fit_apart
 from narx_sklearn.discrepancy.stages.beginning import (
     begin,
     centred,
@@ -58,6 +60,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     which_leads,
 )
 from narx_sklearn.discrepancy.stages.unnamed import (
+    UNEXPLAINED,
     best_pulsating,
     best_unnamed,
     held_where_seen,
@@ -95,6 +98,8 @@ class Diagnosis:
     unnamed: Candidate | None = None  # the best law without a name, where names were held against one
     narrow: tuple[AtBound, ...] = ()  # bounds that were given, and are all that was wrong; it is without them
     apart: tuple[Part, ...] = ()  # sessions with parameters of their own, which leaves less than the best
+    missed_in_each: tuple[PlacedEffect, ...] = ()  # of these sessions by itself; all else is of one
+    together: Part | None = None  # what was found of all sessions, where the diagnosis is of one
 
     @property
     def is_named(self) -> bool:
@@ -105,6 +110,11 @@ class Diagnosis:
     def is_apart(self) -> bool:
         """Whether nothing is missing but parameters of their own in sessions."""
         return bool(self.apart) and self.verdict == "refit"
+
+    @property
+    def of_session(self) -> int | None:
+        """First sample of the session that it is of; None where it is of all."""
+        return int(self.problem.windows.began[0]) if self.missed_in_each else None
 
     @property
     def noise(self) -> Noise:
@@ -198,24 +208,38 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
     """Return a diagnosis, or that of parameters which are not the same in all sessions, if that is all.
 
     What was changed between recordings looks like physics to one set of parameters. Where sessions with their
-    own leave less than what was found, and nothing is missing in any by itself, it is none. Where something
-    is, and has no name so far, they are told beside it.
+    own leave less than what was found, and nothing is missing in any by itself, it is none. Where each misses
+    the same, and it has a name by itself, the diagnosis is that of the longest which names it first. Else
+    they are told beside what was found, unless its names leave less.
     """
     if found.verdict in NOTHING_MISSING:
         return found
     problem, refitted = found.problem, found.refitted
     apart = fit_apart(problem, refitted, settings.n_jobs)
+    if apart is None:
+        return found
     is_law = bool(found.best.effects) and found.unforeseen is None
     together = Candidate(refitted, problem.n_seen)
-    if apart is None or apart.criterion >= (found.best if is_law else together).criterion:
+    leave_less = apart.criterion < (found.best if is_law else together).criterion
+    beside_names = _apart_beside_names(found, settings)
+    if not (leave_less or beside_names):
         return found
     settings.tell("again, session by session")
-    alone = []
-    for began in began_of(problem):
-        own = [piece for piece in pieces if piece[1] == began]
-        alone.append(_diagnosed(problem.simulator, u, y, own, settings))
-        if alone[-1].verdict not in NOTHING_MISSING:
-            return found if found.is_named else replace(found, apart=apart.parts)
+    alone = [
+        _diagnosed(problem.simulator, u, y, [piece for piece in pieces if piece[1] == began], settings)
+        for began in began_of(problem)
+    ]
+    all_of_it = Part(problem, found.best.fit)
+    if missed := _missed_in_each(alone):
+        names = {(effect.effect.code, effect.port) for effect in missed}
+        told = [one for one in alone if names.intersection((e.effect.code, e.port) for e in one.best.effects)]
+        longest = max(told, key=lambda one: one.problem.n_seen)
+        parts = tuple(Part(one.problem, one.best.fit) for one in alone)
+        return replace(longest, apart=parts, missed_in_each=missed, together=all_of_it)
+    if beside_names:
+        return replace(found, apart=beside_names.parts, together=all_of_it)
+    if any(one.verdict not in NOTHING_MISSING for one in alone):
+        return found if found.is_named else replace(found, apart=apart.parts)
     return replace(
         found,
         verdict="refit",
@@ -229,6 +253,39 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         unnamed=None,
         apart=tuple(Part(one.problem, one.refitted) for one in alone),
     )
+
+
+def _apart_beside_names(found: Diagnosis, settings: Settings) -> Apart | None:
+    """Return sessions with parameters of their own beside what is named; None where they leave hardly less.
+
+    What they take off has to be more than is to be had by chance, and more than a form may leave.
+    """
+    best = found.best
+    if not found.is_named or any(effect.passes for effect in best.effects):
+        return None
+    apart = fit_apart(found.problem, best.fit, settings.n_jobs)
+    if apart is None or apart.criterion >= best.criterion:
+        return None
+    left = sum(part.fit.cost for part in apart.parts)
+    more = best.fit.cost - left > UNEXPLAINED * (found.refitted.cost - left)
+    return apart if more else None
+
+
+def _missed_in_each(alone: list[Diagnosis]) -> tuple[PlacedEffect, ...]:
+    """Return what every session by itself misses, by its name and place, most likely first."""
+    likely: Counter[tuple] = Counter()
+    places: dict[tuple, PlacedEffect] = {}
+    common: set[tuple] | None = None
+    for one in alone:
+        first = [(e.effect.code, e.port) for e in one.best.effects] if one.is_named else []
+        likely.update(first)
+        told = [e for c in (one.best, *chain.from_iterable(one.alternatives)) for e in c.effects]
+        places |= {(e.effect.code, e.port): e for e in reversed(told)}
+        here = {(e.effect.code, e.port) for e in told} if one.is_named else set()
+        common = here if common is None else common & here
+    ordered = sorted(common or (), key=lambda place: -likely[place])
+    most = likely[ordered[0]] if ordered else 0
+    return tuple(places[place] for place in ordered if likely[place] == most > 0)
 
 
 def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
