@@ -8,14 +8,20 @@ from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.locate import tangent
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import out_of
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.harmonics import SINE
 from narx_sklearn.discrepancy.search.unnamed.kinds import BY_TURNS, WORDS
 from narx_sklearn.discrepancy.search.unnamed.proportions import pulse_hypotheses
+from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import refuted
 from narx_sklearn.discrepancy.stages.followed import response
 from narx_sklearn.discrepancy.stages.pulse import gradients_by_force, strongest_pulse
+from narx_sklearn.discrepancy.stages.remainder import Remainder, Sign
+from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.report._words import headline
 
 DT, HERTZ, SIGMA = 0.02, 3.7, 0.004
@@ -194,3 +200,27 @@ def test_a_line_by_name_does_not_stand_for_what_pulsates():
     assert headline(found).startswith(
         "A parameter of the simulation is not always the same: A parameter that pulsates in the equation of v"
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "hertz", "gain", "counts"),
+    [
+        ("pulse", HERTZ, 5.0, True),
+        ("pulse", HERTZ + 0.2, 5.0, False),
+        ("pulse", HERTZ + 0.2, 50.0, True),
+        ("line", HERTZ, 5.0, False),
+    ],
+)
+def test_little_that_goes_with_a_signal_times_a_named_wave_counts(monkeypatch, kind, hertz, gain, counts):
+    u, y, _ = recorded(np.random.default_rng(0))
+    problem, base = fitted(u, y)
+    sine = PlacedEffect(CATALOGUE[SINE], Port("state", 1), theta=(1.5, 2 * np.pi * HERTZ, 0.4))
+    named = base._replace(model=base.model._replace(effects=(sine,)), cost=base.cost - 100.0)
+    frequencies = (hertz, 3.0 * hertz) if kind == "pulse" else ()
+    sign = Sign(kind, "", 1e-9, frequencies, gain)
+    monkeypatch.setattr(refuted, "look_at_remainder", lambda *given: Remainder((sign,)))
+    settings = Settings((), 0.005, 2, 4, None, 0, 1, lambda stage: None)
+    structure = find_structure(make(), problem.run(base.model).x, u)
+    best = Candidate(named, problem.n_seen)
+    signs = refuted.left_that_is_no_noise(problem, base, best, structure, settings, list)
+    assert signs == ((sign,) if counts else ())

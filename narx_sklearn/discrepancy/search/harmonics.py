@@ -147,8 +147,8 @@ def _courses(problem: Problem, best: Candidate) -> Iterator[tuple[PlacedEffect, 
     """Yield each lasting sine of a set with those that are harmonics of it, the slowest first."""
     windows = problem.windows
     whole = problem.simulator.dt * float(np.max(windows.last - windows.began))
-    sines = [e for e in best.effects if e.effect.code == SINE and not e.passes and _frequency(e) > 0]
-    for sine in sorted(sines, key=_frequency):
+    sines = [e for e in best.effects if e.effect.code == SINE and not e.passes and frequency_of(e) > 0]
+    for sine in sorted(sines, key=frequency_of):
         yield sine, [o for o in sines if o is not sine and _is_harmonic(o, sine, LINE * 2 * np.pi / whole)]
 
 
@@ -157,15 +157,15 @@ def _now(candidate: Candidate, course_of: PlacedEffect) -> PlacedEffect:
     return next(e for e in candidate.effects if e.place == course_of.place)
 
 
-def _frequency(sine: PlacedEffect) -> float:
+def frequency_of(sine: PlacedEffect) -> float:
     return sine.theta[1]
 
 
 def _is_harmonic(other: PlacedEffect, sine: PlacedEffect, width: float) -> bool:
     """Tell whether a sine swings at a multiple of another's frequency, rad/s, within some width."""
-    w = _frequency(sine)
-    order = round(_frequency(other) / w)
-    return 2 <= order <= MOST and abs(_frequency(other) - order * w) <= width
+    w = frequency_of(sine)
+    order = round(frequency_of(other) / w)
+    return 2 <= order <= MOST and abs(frequency_of(other) - order * w) <= width
 
 
 def _is_outdone(candidate: Candidate, sine: PlacedEffect) -> bool:
@@ -185,7 +185,7 @@ def _repeats_itself(
     run = problem.run(best.fit.model._replace(effects=kept))
     rows = problem.samples_of(run)
     since = rows - problem.windows.began[np.searchsorted(problem.windows.first, rows, side="right") - 1]
-    period = 2 * 2 * np.pi / (_frequency(sine) * problem.simulator.dt)  # of two turns, samples
+    period = 2 * 2 * np.pi / (frequency_of(sine) * problem.simulator.dt)  # of two turns, samples
     moving = run.x[rows][:, np.ptp(run.x[rows], axis=0) > 0]
     return moving.size > 0 and all(_folded(signal, since, period) for signal in moving.T)
 
@@ -206,7 +206,7 @@ def _is_better(more: Candidate, fewer: Candidate) -> bool:
 def _begun(sine: PlacedEffect, others: list[PlacedEffect]) -> PlacedEffect:
     """Return a sine with the harmonics that it has, and those that others are, where these act there too."""
     size, w, p, *own = sine.theta
-    orders = [round(_frequency(other) / w) for other in others]
+    orders = [round(frequency_of(other) / w) for other in others]
     ratios = np.zeros((max([2, n_harmonics(sine), *orders]) - 1, 2))
     ratios.ravel()[: len(own)] = own
     for other, n in zip(others, orders, strict=True):

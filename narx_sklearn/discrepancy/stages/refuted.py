@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.search.confirm import (
     is_of_a_sensor,
 )
 from narx_sklearn.discrepancy.search.explain import probe
+from narx_sklearn.discrepancy.search.harmonics import SINE, frequency_of
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import REFINES, is_a_change
 from narx_sklearn.discrepancy.search.ranking import gains
@@ -214,6 +215,7 @@ def left_that_is_no_noise(
             sign
             for sign in remainder.speaking(settings.alpha_nameless)
             if sign.gain > tolerated.get(sign.kind, otherwise) * (taken_off + sign.gain)
+            or _is_of_a_named_wave(sign, problem, best)
         )
 
     signs = much_left()
@@ -221,6 +223,16 @@ def left_that_is_no_noise(
         return signs
     forms = own_forms()
     return much_left(forms) if forms else signs
+
+
+def _is_of_a_named_wave(sign: Sign, problem: Problem, best: Candidate) -> bool:
+    """Tell whether what is left goes with a signal times a wave that is named: then the wave is no own one.
+
+    A wave that something else makes knows nothing of the machine's signals, however little of one is left.
+    """
+    width = 1.0 / (problem.simulator.dt * len(problem.y))  # of a line, Hz
+    waves = [frequency_of(e) / (2 * np.pi) for e in best.effects if e.effect.code == SINE]
+    return any(abs(hertz - wave) <= width for hertz in sign.frequencies for wave in waves)
 
 
 def left_that_follows(
