@@ -56,10 +56,8 @@ def hardening():
     return problem, base, run, find_structure(problem.simulator, run.x, u)
 
 
-def test_a_race_leaves_the_order_in_reach_as_it_is_and_saves_work(hardening, monkeypatch):
-    problem, base, run, structure = hardening
-    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, run, structure)
-    placed = leaders(make_bank(problem, base, hypotheses), 12, NONE_SILENT, 1.0)
+def iterations_spent(monkeypatch):
+    """Return a list to which every fit of a leader adds its iterations."""
     spent = []
 
     def counted(*args, **options):
@@ -68,6 +66,14 @@ def test_a_race_leaves_the_order_in_reach_as_it_is_and_saves_work(hardening, mon
         return found
 
     monkeypatch.setattr(explain, "fit", counted)
+    return spent
+
+
+def test_a_race_leaves_the_order_in_reach_as_it_is_and_saves_work(hardening, monkeypatch):
+    problem, base, run, structure = hardening
+    hypotheses = enumerate_hypotheses(list(CATALOGUE.values()), problem, run, structure)
+    placed = leaders(make_bank(problem, base, hypotheses), 12, NONE_SILENT, 1.0)
+    spent = iterations_spent(monkeypatch)
     raced = refit_leaders(problem, base, placed)
     with_race = sum(spent)
     spent.clear()
@@ -118,14 +124,7 @@ def test_a_surface_without_a_name_fits_as_well_as_the_name(hardening):
 def test_laws_that_stay_behind_the_right_name_are_not_fitted_to_the_end(hardening, monkeypatch):
     problem, base, _, structure = hardening
     named = Candidate(fit(problem, base.model._replace(effects=(CUBIC,))), problem.n_seen)
-    spent = []
-
-    def counted(*args, **options):
-        found = fit(*args, **options)
-        spent.append(found.iterations)
-        return found
-
-    monkeypatch.setattr(explain, "fit", counted)
+    spent = iterations_spent(monkeypatch)
     settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
 
     def asked(best):

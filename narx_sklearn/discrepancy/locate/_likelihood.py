@@ -21,7 +21,12 @@ class Colour(NamedTuple):
     def of(cls, rho: np.ndarray) -> "Colour":
         """Return noise of variance one that is white or of one colour."""
         white = TINY_NOISE if np.any(rho > 0) else 1.0
-        return cls(rho, np.ones(rho.size), np.full(rho.size, white))
+        return cls(rho, np.full(rho.size, float(np.any(rho > 0))), np.full(rho.size, white))
+
+    @property
+    def wanders(self) -> np.ndarray:
+        """Whether each output's noise has a coloured part under a white one, (n_outputs,)."""
+        return (self.rho > 0) & (self.white > TINY_NOISE)
 
 
 class Estimate(NamedTuple):

@@ -230,16 +230,14 @@ def fitted_beside(
 
 def noise_left(refined: Refined) -> Noise:
     """Return the noise that is left: white, of one colour, or one that wanders on each output."""
-    colour, unit = refined.colour, refined.unit
-    if np.all(colour.white == colour.white[0]) and np.all(colour.coloured == 1.0):  # as Colour.of has it
-        colours = tuple(np.array([rho]) if rho > 0 else np.zeros(0) for rho in colour.rho)
-        return Noise(colours, unit * np.sqrt(1.0 - colour.rho**2))
+    (rho, coloured, white), wanders = refined.colour, refined.colour.wanders
     # white noise over an autoregression is one with a moving average (Granger and Morris 1976)
-    rho, white = colour.rho, colour.white
-    lagged = rho * white
-    half = 0.5 * (colour.coloured * (1.0 - rho**2) + white * (1.0 + rho**2))
+    lagged = np.where(wanders, rho * white, 0.0)
+    half = 0.5 * (coloured * (1.0 - rho**2) + white * (1.0 + rho**2))
     variance = half + np.sqrt(half**2 - lagged**2)
-    return Noise(tuple(rho[:, None]), unit * np.sqrt(variance), tuple(lagged / variance))
+    colours = tuple(np.array([each]) if each > 0 else np.zeros(0) for each in rho)
+    average = tuple(lagged / variance) if wanders.any() else ()
+    return Noise(colours, refined.unit * np.sqrt(variance), average)
 
 
 def which_leads(
