@@ -20,6 +20,8 @@ from narx_sklearn.discrepancy.search.unnamed.broken_line import KNOTS
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.kinds import EVEN_POWER, INVERSE, ODD_POWER
 from narx_sklearn.discrepancy.search.unnamed.powers import (
+    POWERS,
+    ROOTS,
     inverse_power,
     placed_powers,
     power_effect,
@@ -29,7 +31,7 @@ from narx_sklearn.discrepancy.search.unnamed.powers import (
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages.knots import drawn_again
-from narx_sklearn.discrepancy.stages.powers import best_power, with_another_power
+from narx_sklearn.discrepancy.stages.powers import _is_new, best_power, with_another_power
 from narx_sklearn.physics.effects import CATALOGUE, Power
 
 VELOCITY = (0.0, 1.0)
@@ -329,3 +331,13 @@ def test_a_power_without_a_name_may_stand_beside_a_name():
     low, high = findings["unknown"].intervals["n"]
     assert low < 5.0 < high
     assert findings["coulomb_friction"].parameters["Fc"] == pytest.approx(2.5, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("exponent", "is_new"), [(ROOTS[0], False), (0.5, True), (ROOTS[1], True), (POWERS[0], False)]
+)
+def test_a_root_at_the_end_towards_a_line_is_one_and_next_to_a_step_is_none(exponent, is_new):
+    """Friction that goes as 0.7 of speed ends there: surely no line, which its simulator has."""
+    effect = root_effect(1.0) if exponent < 1.0 else power_effect(Power(3.0, odd=True), 1.0)
+    power = PlacedEffect(effect, Port("state", 1), VELOCITY, theta=(-0.5, exponent, 1.0))
+    assert _is_new(power, []) == is_new

@@ -100,7 +100,7 @@ def _is_new(power: PlacedEffect, known: Iterable[Hypothesis]) -> bool:
     if power.effect.code == INVERSE:  # none of the catalogue's does
         return exponent > INVERSES[0]
     if exponent < 1.0:
-        return ROOTS[0] < exponent < ROOTS[1]
+        return ROOTS[0] < exponent <= ROOTS[1]  # beside a line of the simulator that end is none
     taken = [
         h.placed.effect.power.exponent
         for h in known
