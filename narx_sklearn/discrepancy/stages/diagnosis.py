@@ -209,7 +209,7 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
 
     What was changed between recordings looks like physics to one set of parameters. Where sessions with their
     own leave less than what was found, and nothing is missing in any by itself, it is none. Where each misses
-    the same, and it has a name by itself, the diagnosis is that of the longest which names it first. Else
+    the same, and it has a name by itself, the diagnosis is that of a session which names it first. Else
     they are told beside what was found, unless its names leave less.
     """
     if found.verdict in NOTHING_MISSING:
@@ -230,12 +230,10 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         for began in began_of(problem)
     ]
     all_of_it = Part(problem, found.best.fit)
-    if missed := _missed_in_each(alone):
-        names = {(effect.effect.code, effect.port) for effect in missed}
-        told = [one for one in alone if names.intersection((e.effect.code, e.port) for e in one.best.effects)]
-        longest = max(told, key=lambda one: one.problem.n_seen)
+    telling, missed = _missed_in_each(alone)
+    if missed:
         parts = tuple(Part(one.problem, one.best.fit) for one in alone)
-        return replace(longest, apart=parts, missed_in_each=missed, together=all_of_it)
+        return replace(telling, apart=parts, missed_in_each=missed, together=all_of_it)
     if beside_names:
         return replace(found, apart=beside_names.parts, together=all_of_it)
     if any(one.verdict not in NOTHING_MISSING for one in alone):
@@ -271,21 +269,26 @@ def _apart_beside_names(found: Diagnosis, settings: Settings) -> Apart | None:
     return apart if more else None
 
 
-def _missed_in_each(alone: list[Diagnosis]) -> tuple[PlacedEffect, ...]:
-    """Return what every session by itself misses, by its name and place, most likely first."""
-    likely: Counter[tuple] = Counter()
-    places: dict[tuple, PlacedEffect] = {}
-    common: set[tuple] | None = None
+def _missed_in_each(alone: list[Diagnosis]) -> tuple[Diagnosis, tuple[PlacedEffect, ...]]:
+    """Return the session whose names most others have, the longest of such, and those that none excludes."""
+
+    def called(effect: PlacedEffect) -> tuple:
+        return effect.effect.code, effect.port
+
+    first = Counter(called(e) for one in alone if one.is_named for e in one.best.effects)
+    common = set(first)
     for one in alone:
-        first = [(e.effect.code, e.port) for e in one.best.effects] if one.is_named else []
-        likely.update(first)
-        told = [e for c in (one.best, *chain.from_iterable(one.alternatives)) for e in c.effects]
-        places |= {(e.effect.code, e.port): e for e in reversed(told)}
-        here = {(e.effect.code, e.port) for e in told} if one.is_named else set()
-        common = here if common is None else common & here
-    ordered = sorted(common or (), key=lambda place: -likely[place])
-    most = likely[ordered[0]] if ordered else 0
-    return tuple(places[place] for place in ordered if likely[place] == most > 0)
+        sets = (one.best, *chain.from_iterable(one.alternatives)) if one.is_named else ()
+        common &= {called(e) for candidate in sets for e in candidate.effects}
+
+    def missed(one: Diagnosis) -> tuple[PlacedEffect, ...]:
+        return tuple(e for e in one.best.effects if one.is_named and called(e) in common)
+
+    def agreed(one: Diagnosis) -> tuple[int, int]:
+        return sum(first[called(e)] for e in missed(one)), one.problem.n_seen
+
+    telling = max(alone, key=agreed)
+    return telling, missed(telling)
 
 
 def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:

@@ -75,7 +75,11 @@ class Unforeseen(NamedTuple):
     n_tried: int
     errors: np.ndarray  # (n_q,) standard errors beside it of all that was fitted
     noise: Noise  # that is left
-    wanders: bool = False  # whether that noise does, on every output in its own way
+
+    @property
+    def wanders(self) -> bool:
+        """Whether that noise does, on every output in its own way."""
+        return bool(self.noise.average)
 
     @property
     def p_value(self) -> float:
@@ -119,12 +123,10 @@ def look_for_unforeseen(
     course = beside.in_wandering_noise(best.course)
     wandering = Likely(best.acting, course, beside.deviance(course))
     price = MORE_WANDERING * len(on_sensors) * np.log(problem.n_seen)  # Schwarz 1978
-    wanders = bool(wandering.deviance < best.deviance - price)
-    acting, course, deviance = wandering if wanders else best
+    acting, course, deviance = wandering if wandering.deviance < best.deviance - price else best
     n_tried = (len(added) + len(factors)) * len(MEMORIES)
     refined = beside.refined(course)
-    left = noise_left(refined)
-    return Unforeseen(acting, course.memory, deviance, of_noise, n_tried, refined.errors, left, wanders)
+    return Unforeseen(acting, course.memory, deviance, of_noise, n_tried, refined.errors, noise_left(refined))
 
 
 def likeliest_course(beside: BesideFit, places: list[Acting], n_jobs: int | None = None) -> Likely:
@@ -224,8 +226,8 @@ def fitted_beside(
         else:
             break
         found, (least, course, refined) = at, further
-    left = noise_left(refined)
-    return found, unforeseen._replace(memory=course.memory, errors=refined.errors, noise=left)
+    noise = noise_left(refined)
+    return found, unforeseen._replace(memory=course.memory, errors=refined.errors, noise=noise)
 
 
 def noise_left(refined: Refined) -> Noise:
