@@ -57,6 +57,23 @@ def best_laws(
     return list(chain.from_iterable(found))
 
 
+def refit_laws(
+    problem: Problem,
+    refitted: Fit,
+    beside: Fit,
+    placed: list[PlacedEffect],
+    n_jobs: int | None,
+    named: Candidate | None,
+) -> list[Candidate]:
+    """Fit laws from the refit and from what stands ``beside`` them, the best one to the end; best first.
+
+    One that does not come near what is ``named`` is not.
+    """
+    return refit_leaders(
+        problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside], ahead_of_all=named
+    )
+
+
 def at_other_ports(found: list[Candidate]) -> list[Candidate]:
     """Return the first of some fitted laws at each port but that of the first of all."""
     if not found:
@@ -87,9 +104,7 @@ def _best(
     named: Candidate | None,
 ) -> list[Candidate]:
     """Return the best law, fitted, and the best at other ports."""
-    found = refit_leaders(
-        problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside], ahead_of_all=named
-    )
+    found = refit_laws(problem, refitted, beside, placed, n_jobs, named)
     if not found or (named is not None and not in_reach(found[0], named, refitted)):
         return found[:1] + at_other_ports(found)
     return [without_spare(problem, counted_from_zero(problem, found[0])), *at_other_ports(found)]

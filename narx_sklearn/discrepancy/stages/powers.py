@@ -9,7 +9,6 @@ from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import FINE, Candidate
 from narx_sklearn.discrepancy.search.confirm import chance_of_noise, deviance
-from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
@@ -25,6 +24,7 @@ from narx_sklearn.discrepancy.search.unnamed.powers import (
     with_free_power,
 )
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.stages.laws import refit_laws
 
 SURELY = 1.64  # standard errors beyond what a power may be off by
 
@@ -77,9 +77,7 @@ def best_power(
     """
     powers = placed_powers(problem.simulator, structure, _where_it_was(problem, refitted))
     placed = [odd_if_coupled(power, structure) for power in powers]
-    found = refit_leaders(
-        problem, refitted, placed, n_jobs, finished=1, twins=0, elsewhere=[beside], ahead_of_all=named
-    )
+    found = refit_laws(problem, refitted, beside, placed, n_jobs, named)
     return found[0] if found and _is_new(found[0].effects[-1], known) else None
 
 

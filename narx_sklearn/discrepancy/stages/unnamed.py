@@ -10,7 +10,7 @@ from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.placed import ALWAYS, PlacedEffect
 from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance, is_of_a_sensor
-from narx_sklearn.discrepancy.search.explain import in_reach, refit_leaders
+from narx_sklearn.discrepancy.search.explain import in_reach
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
@@ -21,7 +21,7 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import went_far
 from narx_sklearn.discrepancy.stages.knots import drawn_again
-from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws
+from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws, refit_laws
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 from narx_sklearn.discrepancy.stages.smooth import smoothed
@@ -60,16 +60,7 @@ def best_unnamed(
     placed = [odd_if_coupled(law, structure) for law in placed]
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     named = best if _is_enough(problem, best) else None
-    found = refit_leaders(
-        problem,
-        refitted,
-        placed,
-        settings.n_jobs,
-        finished=1,
-        twins=0,
-        elsewhere=[beside],
-        ahead_of_all=named,
-    )
+    found = refit_laws(problem, refitted, beside, placed, settings.n_jobs, named)
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs, named)
     laws = found[:1] + at_other_ports(found)
     if laws and (named is None or in_reach(laws[0], named, refitted)):
