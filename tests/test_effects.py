@@ -343,7 +343,7 @@ class TestForces:
             ("backlash", [4.0, 0.1, 0.5, 0.0], {"argument": 1.0}, 0.0),  # begins centred
             ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
-            ("creep", [3.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
+            ("creep", [3.0, 1.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": np.nan}, 0.3),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": 5.0}, 0.3),
             ("prandtl_ishlinskii", [3.0, 1.0, 0.0, 0.0], {"argument": 0.4}, 0.0),
@@ -616,7 +616,7 @@ class TestTransforms:
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
-            ("creep", [0.0, 1.0]),
+            ("creep", [0.0, 1.0, 1.0]),
             ("delay", [0.0, 0.0]),
             ("lag", [0.0, 0.0, 0.0]),
             ("lag", [0.0, 0.0, 1.0]),
@@ -644,7 +644,7 @@ class TestTransforms:
             ("rate_limit", [0.5, 0.0, 1.0]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
-            ("creep", [0.5, 1.0]),
+            ("creep", [0.5, 1.0, 1.0]),
             ("delay", [0.3, 0.0]),
             ("lag", [0.3, 0.0, 0.0]),
             ("lag", [0.3, 0.0, 1.0]),
@@ -852,11 +852,25 @@ class TestTransforms:
     def test_creep_goes_on_like_the_logarithm_of_time(self):
         """From T to ten T, the response to a step grows by nearly the same in each half octave."""
         step = np.concatenate([[0.0], np.ones(40000)])
-        slow = transformed("creep", step, [1.0, 1.0])
+        slow = transformed("creep", step, [1.0, 1.0, 1.0])
         at = np.searchsorted(np.arange(step.size) * DT, np.geomspace(1, 10, 7))
         growth = np.diff(slow[at])
         assert growth.max() / growth.min() < 1.4
         np.testing.assert_allclose(slow[-1], 2.0, atol=1e-3)
+
+    def test_creep_of_no_width_is_one_slow_pole(self):
+        signal = wideband() - wideband()[0]
+        _, slow, _ = lsim(([1.0], [2.0, 1.0]), signal, np.arange(signal.size) * DT)
+        np.testing.assert_allclose(
+            transformed("creep", signal, [0.4, 2.0, 0.0]), signal + 0.4 * slow, atol=1e-9
+        )
+
+    def test_creep_of_two_decades_follows_the_logarithm_of_time_over_them(self):
+        step = np.concatenate([[0.0], np.ones(40000)])
+        slow = transformed("creep", step, [1.0, 0.5, 2.0])
+        at = np.searchsorted(np.arange(step.size) * DT, np.geomspace(0.5, 50, 9))
+        line = np.polynomial.Polynomial.fit(np.arange(9), slow[at], 1)
+        assert np.max(np.abs(line(np.arange(9)) - slow[at])) < 0.05
 
     @pytest.mark.parametrize(
         ("run", "theta"),
@@ -865,7 +879,7 @@ class TestTransforms:
             (_bouc_wen_run, (0.5, -1.4, 1.5)),
             (_bouc_wen_run, (1e-4, 1.0, 1.0)),
             (_weighted_plays_run, (1.0, 0.5, 0.3)),
-            (_creep_run, (DT, 0.5)),
+            (_creep_run, (DT, 0.5, 1.0)),
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.8)),

@@ -19,7 +19,7 @@ from narx_sklearn.physics.effects._starts import (
 )
 
 N_PLAYS = 10  # radii of the Prandtl-Ishlinskii model, evenly up to the largest
-N_LAGS = 3  # slow poles half a decade apart: together close to log(t) over a decade and a half
+N_LAGS = 3  # slow poles of creep: half a decade apart they are close to log(t) over a decade and a half
 FINEST_STEP = 0.1  # of the yield displacement, in which a Bouc-Wen element follows a sample's move
 FORGOTTEN = 20.0  # bounds of z in one move, after which nothing is left of what was before
 SOFT, HARD = 1 / 3, -1.5  # r of a loop that yields, and of one that hardens
@@ -148,8 +148,8 @@ def _prandtl_ishlinskii_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _time_of_lag(i, T):
-    return T * 10.0 ** (0.5 * i)
+def _time_of_lag(i, T, d):
+    return T * 10.0 ** (d * i / (N_LAGS - 1))
 
 
 @kernel
@@ -157,17 +157,17 @@ def _creep(argument, rate, own, second, time, step, z, theta, dz):
     """z holds how far the argument is ahead of its slow followers: nothing where the motion begins."""
     ahead = 0.0
     for i in range(N_LAGS):
-        dz[i] = rate - z[i] / max(_time_of_lag(i, theta[1]), step)
+        dz[i] = rate - z[i] / max(_time_of_lag(i, theta[1], theta[2]), step)
         ahead += z[i]
     return -theta[0] * ahead / N_LAGS
 
 
 @kernel
-def _creep_run(values, dt, T):
+def _creep_run(values, dt, T, d):
     """Return how far the slow followers have moved in the mean along values, at rest on the first."""
     out = np.zeros(values.size)
     for i in range(N_LAGS):
-        kept, old, new = weights_along_line(dt / max(_time_of_lag(i, T), SHORT * dt))
+        kept, old, new = weights_along_line(dt / max(_time_of_lag(i, T, d), SHORT * dt))
         follower = values[0]
         for k in range(values.size):
             if k > 0:
@@ -177,11 +177,13 @@ def _creep_run(values, dt, T):
 
 
 def _creep_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * by_pieces(_creep_run, signal, first, dt, theta[1])
+    return signal + theta[0] * by_pieces(_creep_run, signal, first, dt, theta[1], theta[2])
 
 
 def _creep_starts(setting: Setting) -> np.ndarray:
-    return scaled(setting, grid([1.0], time_constants(setting, 5)[1:]), _added(setting, _creep_transform))
+    return scaled(
+        setting, grid([1.0], time_constants(setting, 5)[1:], [1.0]), _added(setting, _creep_transform)
+    )
 
 
 def _creep_limits(setting: Setting) -> np.ndarray:
@@ -189,7 +191,7 @@ def _creep_limits(setting: Setting) -> np.ndarray:
 
     Slower ones are a spring; what is over at once is another gain, about where a session began.
     """
-    limits = at_most(2, 1, time_looked_at(setting))
+    limits = at_most(3, 1, time_looked_at(setting))
     limits[1, 0] = setting.dt
     return limits
 
@@ -264,8 +266,12 @@ HYSTERESIS = (
         title="Creep",
         sentence="After every step it goes on a little, ever more slowly.",
         equation="g (mean of L_Ti[s] - s), added in a state equation; s + g (mean of L_Ti[s] - s at first) "
-        "at an output; slow lags Ti = T 10^(i/2), i = 0, 1, 2",
-        parameters=(EffectParameter("g", "{port}/({arg})", 0.0), EffectParameter("T", "s", 0.0)),
+        "at an output; slow lags Ti = T 10^(d i/2), i = 0, 1, 2: one slow pole (d = 0) to three decades",
+        parameters=(
+            EffectParameter("g", "{port}/({arg})", 0.0),
+            EffectParameter("T", "s", 0.0),
+            EffectParameter("d", "-", 0.0, 3.0),
+        ),
         starts=_creep_starts,
         limits=_creep_limits,
         force=_creep,
