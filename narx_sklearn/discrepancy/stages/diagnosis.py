@@ -404,7 +404,7 @@ def _looked_into_parts(
         # what acts for half of the time bends the quieter half too, and what an integrator adds up is as loud
         # before as after, so no stretch of it need stand out
         names_leave_some = found.verdict == "unknown" or found.left != NOTHING_SEEN
-        may_pass = names_leave_some or may_stand_in(found.best.effects, searched)
+        may_pass = names_leave_some or may_stand_in(found.best.effects)
         parts = large_parts if may_pass else sessions_of
         spans = parts(searched.problem, stretches.residual)
         in_part = search_in_spans(spans, stretches.p, searched, structure, settings)

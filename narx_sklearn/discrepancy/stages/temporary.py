@@ -114,6 +114,7 @@ def search_in_spans(
         return None
     noise, settled = _settled_again(found.problem, settled, value, settings)
     problem = problem.with_noise(noise)
+    settled = _looked_at_again(problem, refitted.model, settled, structure, settings)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
     span = settled[0].effects[0].during
     models += [_in_span(c, span) for c in roughly[len(near) :]]
@@ -192,14 +193,12 @@ def spans_of(stretches: Stretches, problem: Problem) -> list[Span]:
     ]
 
 
-def may_stand_in(effects: Sequence[PlacedEffect], before: Searched) -> bool:
-    """Tell whether a set may stand in for what acts for a while.
+def may_stand_in(effects: Sequence[PlacedEffect]) -> bool:
+    """Tell whether a set may stand in for what acts for a while: a drift, or several.
 
-    It may where something in it changes with time, or where it takes several beside parameters gone far.
+    Two sines that beat are one that comes and goes.
     """
-    if any(effect.effect.code in DRIFTS for effect in effects):
-        return True
-    return len(effects) > 1 and went_far(before.refitted.model.p, before.problem.simulator.nominal)
+    return len(effects) > 1 or any(effect.effect.code in DRIFTS for effect in effects)
 
 
 def are_foreseen(effects: Iterable[PlacedEffect]) -> bool:
@@ -266,21 +265,31 @@ def _found_in(
     rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
     if rival is not None and _left_outside(np.any(_acting(span, own), axis=1), start) > rival:
         return None
-    hypotheses = [
-        h._replace(placed=h.placed.acting(span))
-        for h in hypotheses_of(own, start, structure, settings)
-        if h.asked and h.placed.effect.code not in OF_TIME
-    ]
-    bank = make_bank(own, start, hypotheses, settings.n_jobs)
+    bank = _bank_in(span, own, start, structure, settings)
     taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
-    placed = with_nearest(own, start, bank, with_pushes(bank, LEADERS), settings.n_jobs)
-    found = refit_leaders(own, start, placed, settings.n_jobs, finished=1, twins=0)
+    found = _led(own, start, bank, settings)
     if not found:
         return None
     own, found, best = _under_clearer_noise(own, found, settings)
     return InSpan(own, bank.without_columns(), found, deviance(own, best.fit.model) + best.price)
+
+
+def _bank_in(span: Span, problem: Problem, start: Fit, structure: Structure, settings: Settings) -> Bank:
+    """Return what effects that act in a span, and have no times of their own, would change."""
+    hypotheses = [
+        h._replace(placed=h.placed.acting(span))
+        for h in hypotheses_of(problem, start, structure, settings)
+        if h.asked and h.placed.effect.code not in OF_TIME
+    ]
+    return make_bank(problem, start, hypotheses, settings.n_jobs)
+
+
+def _led(problem: Problem, start: Fit, bank: Bank, settings: Settings) -> list[Candidate]:
+    """Return the leaders of a bank fitted, best first."""
+    placed = with_nearest(problem, start, bank, with_pushes(bank, LEADERS), settings.n_jobs)
+    return refit_leaders(problem, start, placed, settings.n_jobs, finished=1, twins=0)
 
 
 def _under_clearer_noise(
@@ -338,6 +347,22 @@ def _settled_again(
     if deviance(clearer, again[0].fit.model) < value:
         return clearer_noise(clearer, again[0].fit) or noise, again
     return noise, settled
+
+
+def _looked_at_again(
+    problem: Problem, base: Model, settled: list[Candidate], structure: Structure, settings: Settings
+) -> list[Candidate]:
+    """Return what may act in the span that the best was settled to, all effects searched there once more.
+
+    In the span where the search began, whose ends were off, what is likelier need not have led.
+    """
+    start = fit_states(problem, base)
+    bank = _bank_in(settled[0].effects[0].during, problem, start, structure, settings)
+    known = {c.effects[0].always().place for c in settled}
+    led = [c for c in _led(problem, start, bank, settings) if c.effects[0].always().place not in known]
+    within = settled[0].criterion + IN_REACH
+    new = _settled_each(problem, [c for c in led if c.criterion < within], settings)
+    return sorted([*settled, *new], key=lambda c: c.criterion)
 
 
 def _may_leave_less(problem: Problem, found: Fit, moved: Model) -> bool:
