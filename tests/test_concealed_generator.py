@@ -22,7 +22,7 @@ from benchmarks.concealed.diagnose import diagnose  # noqa: E402
 from benchmarks.concealed.experiment import perform, rig_of  # noqa: E402
 from benchmarks.concealed.hidden import Rig  # noqa: E402
 from benchmarks.concealed.make import make  # noqa: E402
-from benchmarks.concealed.plants.codes import CATALOGUE, FURTHER_OUTSIDE, OUTSIDE, Code, Kind  # noqa: E402
+from benchmarks.concealed.plants.codes import CATALOGUE, FURTHER_OUTSIDE, OUTSIDE, THIRD_OUTSIDE, Code, Kind  # noqa: E402
 from benchmarks.concealed.plants.dispatch import MACHINES, hidden_rates, nominal_rates  # noqa: E402
 from benchmarks.concealed.plants.forces import friction  # noqa: E402
 from benchmarks.concealed.plants.inputs import act  # noqa: E402
@@ -247,9 +247,10 @@ def test_noise_has_unit_power(kind):
 
 def test_every_effect_of_the_catalogue_has_a_plant():
     placed = {code for machine in MACHINES.values() for code in machine.sites}
-    assert set(CATALOGUE) | set(OUTSIDE) | set(FURTHER_OUTSIDE) == placed
+    assert {*CATALOGUE, *OUTSIDE, *FURTHER_OUTSIDE, *THIRD_OUTSIDE} == placed
     assert len(OUTSIDE) >= 12
     assert len(FURTHER_OUTSIDE) >= 8
+    assert len(THIRD_OUTSIDE) >= 12
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.concealed.excitation import POOR, RICH
 from benchmarks.concealed.noise import NOISES
-from benchmarks.concealed.plants.codes import CATALOGUE, FURTHER_OUTSIDE, OUTSIDE, Code
+from benchmarks.concealed.plants.codes import CATALOGUE, FURTHER_OUTSIDE, OUTSIDE, THIRD_OUTSIDE, Code
 from benchmarks.concealed.plants.dispatch import MACHINES
 from benchmarks.concealed.specs import Concealed, Spec
 
@@ -191,7 +191,8 @@ def _alike(a, b):
 
 
 def _outside(seed, draw):
-    return [draw.case(code.name, (code,), ((0.5, 3.0),)) for code in OUTSIDE + FURTHER_OUTSIDE]
+    codes = OUTSIDE + FURTHER_OUTSIDE + THIRD_OUTSIDE
+    return [draw.case(code.name, (code,), ((0.5, 3.0),)) for code in codes]
 
 
 def _hard_to_see(seed, draw):

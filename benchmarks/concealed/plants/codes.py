@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-__all__ = ["CATALOGUE", "FRICTIONS", "FURTHER_OUTSIDE", "OUTSIDE", "Code", "Kind"]
+__all__ = ["CATALOGUE", "FRICTIONS", "FURTHER_OUTSIDE", "OUTSIDE", "THIRD_OUTSIDE", "Code", "Kind"]
 
 
 class Kind(IntEnum):
@@ -82,10 +82,25 @@ class Code(IntEnum):
     resynchronised_clock = 208
     loaded_potentiometer = 209
 
+    # The third group: chosen by somebody who knows nothing of the diagnosis, when the others had been read.
+    reversal_pause = 300
+    scoured_deposit = 301
+    faulty_bit = 302
+    stroke_pulsation = 303
+    eddy_brake = 304
+    overrunning_clutch = 305
+    latent_store = 306
+    linked_throttle = 307
+    warming_damper = 308
+    overload_recovery = 309
+    rate_squared_error = 310
+    interleaved_converters = 311
+
 
 CATALOGUE = tuple(code for code in Code if code < 100)
 OUTSIDE = tuple(code for code in Code if 100 <= code < 200)
-FURTHER_OUTSIDE = tuple(code for code in Code if code >= 200)
+FURTHER_OUTSIDE = tuple(code for code in Code if 200 <= code < 300)
+THIRD_OUTSIDE = tuple(code for code in Code if code >= 300)
 FRICTIONS = (
     Code.coulomb_friction,
     Code.asymmetric_friction,

@@ -76,5 +76,12 @@ MACHINE = Machine(
         Code.supply_ripple: (on_input(),),
         Code.saturating_core: (on_state(0, 0),),
         Code.resynchronised_clock: (on_output(1),),
+        Code.reversal_pause: (on_input(),),
+        Code.scoured_deposit: (on_input(),),
+        Code.eddy_brake: (_shaft,),
+        Code.overrunning_clutch: (_shaft,),
+        Code.linked_throttle: (on_state(0, 0, other=1),),
+        Code.overload_recovery: (on_output(0),),
+        Code.interleaved_converters: (on_output(0), on_output(1)),
     },
 )

@@ -80,6 +80,17 @@ def force(code, theta, x, v, w, u, t, z):
         return -s * x * z[0]
     if code == Code.unbalance:  # a centrifugal force that turns with the position
         return s * v * v * np.sin(theta[1] * x + theta[2])
+    if code == Code.eddy_brake:  # eddy currents, which cannot follow the field beyond a speed theta[1]
+        return -s * v / (1.0 + (v / theta[1]) ** 2)
+    if code == Code.overrunning_clutch:  # drags a flywheel of speed z[0] along, which may run ahead
+        return -s * max(v - z[0], 0.0)
+    if code == Code.latent_store:  # wax that melts at theta[1], a basin behind a sill: takes until it is full
+        flow = x - theta[1]
+        return -s * flow if (flow > 0.0 and z[0] < 1.0) or (flow < 0.0 and z[0] > 0.0) else 0.0
+    if code == Code.linked_throttle:  # a float valve, a bimetal louvre, a lifting brush
+        return -s * x * max(abs(w) / theta[1] - 1.0, 0.0)
+    if code == Code.warming_damper:  # oil that thins, a thermistor that conducts, as its losses heat it
+        return -s * v / (1.0 + z[0])
     return 0.0
 
 
@@ -140,3 +151,10 @@ def remember(code, theta, x_old, x_new, v, u, h, z):
             z[0] = 1.0
         elif abs(x_new) < theta[2]:
             z[0] = 0.0
+    elif code == Code.overrunning_clutch:  # picked up within theta[1], slowed by its own bearing in theta[2]
+        z[0] += max(v - z[0], 0.0) * (1.0 - np.exp(-h / theta[1]))
+        z[0] *= np.exp(-h / theta[2])
+    elif code == Code.latent_store:  # the share that is molten
+        z[0] = min(max(z[0] + h * (x_new - theta[1]) / theta[2], 0.0), 1.0)
+    elif code == Code.warming_damper:  # heated by its losses, cooled within theta[1]
+        z[0] += ((v / theta[2]) ** 2 - z[0]) * (1.0 - np.exp(-h / theta[1]))

@@ -77,5 +77,9 @@ MACHINE = Machine(
         Code.burst_firing: (on_input(),),
         Code.switching_outlet: (_casing,),
         Code.resynchronised_clock: (on_output(0), on_output(1)),
+        Code.faulty_bit: (on_input(),),
+        Code.stroke_pulsation: (on_input(),),
+        Code.latent_store: (_block, _casing),
+        Code.linked_throttle: (on_state(1, 1, other=0),),
     },
 )

@@ -72,4 +72,20 @@ def act(code, theta, u, t, h, z):
         if abs(d) > theta[1]:
             z[0] = np.sign(d)
         d += theta[0] * z[0]
+    elif code == Code.reversal_pause:  # a bridge that waits for theta[0] before it lets the other way through
+        if z[1] <= 0.0 and d * z[0] < 0.0:
+            z[1] = theta[0]
+        z[0] = np.sign(d) if d != 0.0 else z[0]
+        d *= 1.0 - min(max(z[1] / h, 0.0), 1.0)
+        z[1] -= h
+    elif code == Code.scoured_deposit:  # silt, a film on contacts: settles at little flow, torn off at much
+        loose, tau = abs(u) > theta[2], theta[1]
+        z[0] = z[0] * np.exp(-10.0 * h / tau) if loose else 1.0 + (z[0] - 1.0) * np.exp(-h / tau)
+        d = u / (1.0 + theta[0] * z[0]) - theta[7]
+    elif code == Code.faulty_bit:  # a converter one of whose bits weighs theta[0] too much
+        bit = np.floor(d / theta[1] + theta[2]) % 2.0
+        d += theta[0] * (bit - 0.5)
+    elif code == Code.stroke_pulsation:  # a piston, an auger: a wave each turn, turned by the command
+        z[0] += h * theta[1] * max(u, 0.0)
+        d = u * (1.0 + theta[0] * np.sin(2.0 * np.pi * z[0])) - theta[7]
     return theta[7] + d

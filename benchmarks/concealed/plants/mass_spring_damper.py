@@ -89,5 +89,9 @@ MACHINE = Machine(
         Code.recovering_softening: (_body,),
         Code.lost_counts: (on_output(),),
         Code.loaded_potentiometer: (on_output(),),
+        Code.faulty_bit: (on_input(),),
+        Code.warming_damper: (_body,),
+        Code.overload_recovery: (on_output(),),
+        Code.interleaved_converters: (on_output(),),
     },
 )

@@ -75,5 +75,10 @@ MACHINE = Machine(
         Code.unbalance: (_arm,),
         Code.lost_counts: (on_output(),),
         Code.loaded_potentiometer: (on_output(),),
+        Code.reversal_pause: (on_input(),),
+        Code.eddy_brake: (_arm,),
+        Code.overrunning_clutch: (_arm,),
+        Code.warming_damper: (_arm,),
+        Code.rate_squared_error: (on_output(),),
     },
 )

@@ -76,5 +76,10 @@ MACHINE = Machine(
         Code.saturating_core: (on_state(1, 1),),
         Code.switching_outlet: (on_state(0, 0),),
         Code.resynchronised_clock: (on_output(0),),
+        Code.scoured_deposit: (on_input(),),
+        Code.faulty_bit: (on_input(),),
+        Code.warming_damper: (_coil,),
+        Code.overload_recovery: (on_output(), on_output(1)),
+        Code.interleaved_converters: (on_output(), on_output(1)),
     },
 )

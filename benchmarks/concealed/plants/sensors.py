@@ -9,8 +9,9 @@ __all__ = ["at_rest_remembered", "sense"]
 
 
 def at_rest_remembered(code, y):
-    """Return the memory of a sensor that has long read `y`: the reading, and no magnetism, no lost count."""
-    return (0.0, y, y) if code in (Code.sensor_memory, Code.lost_counts) else (y, y, y)
+    """Return the memory of a sensor that has long read `y`: the reading; no magnetism, count or charge."""
+    blank = code in (Code.sensor_memory, Code.lost_counts, Code.overload_recovery)
+    return (0.0, y, y) if blank else (y, y, y)
 
 
 @njit(cache=True, nogil=True)
@@ -64,4 +65,14 @@ def sense(code, theta, y, t, dt, z):
     if code == Code.loaded_potentiometer:  # theta[1]: its lower end, theta[2]: its length
         r = (y - theta[1]) / theta[2]
         return theta[1] + theta[2] * r / (1.0 + s * r * (1.0 - r))
+    if code == Code.overload_recovery:  # charged by what exceeds theta[1], recovers within theta[2]
+        over = max(abs(y) - theta[1], 0.0) * np.sign(y)
+        z[0] += (over - z[0]) * (1.0 - np.exp(-dt / theta[2]))
+        return y - s * z[0]
+    if code == Code.rate_squared_error:  # dynamic pressure on a probe, centripetal pull on a tilt sensor
+        slope = (y - z[0]) / dt
+        z[0] = y
+        return y - s * (slope / theta[1]) ** 2
+    if code == Code.interleaved_converters:  # two that take turns, of unequal gains
+        return y * (1.0 + s * (np.floor(t / dt + 0.5) % 2.0 - 0.5))
     return y

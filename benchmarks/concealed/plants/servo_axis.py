@@ -69,5 +69,9 @@ MACHINE = Machine(
         Code.unbalance: (_slide,),
         Code.lost_counts: (on_output(),),
         Code.loaded_potentiometer: (on_output(),),
+        Code.reversal_pause: (on_input(),),
+        Code.faulty_bit: (on_input(),),
+        Code.eddy_brake: (_slide,),
+        Code.interleaved_converters: (on_output(),),
     },
 )

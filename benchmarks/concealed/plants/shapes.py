@@ -118,5 +118,25 @@ def _numbers(code, s, k):
         Code.lost_counts: lambda: (s / (1.0 + s), (0.8 + 0.4 * a) * k.rate),
         Code.resynchronised_clock: lambda: (0.1 * s / k.band, k.duration / (6.0 + 4.0 * a)),
         Code.loaded_potentiometer: lambda: (s, low - 0.25 * (high - low), 1.5 * (high - low)),
+        Code.reversal_pause: lambda: (0.1 * s / k.band,),
+        Code.scoured_deposit: lambda: (s, k.slow * (2.0 + 3.0 * a), k.u_rest + (0.4 + 0.2 * b) * k.u),
+        Code.faulty_bit: lambda: (s * k.u, (0.3 + 0.2 * a) * k.u, 0.25 + 0.5 * b),
+        Code.stroke_pulsation: lambda: (s, k.band * (0.3 + 0.4 * a) / k.u_rest),
+        Code.eddy_brake: lambda: (s * k.rate / k.v, (0.9 + 0.6 * a) * k.v),
+        Code.overrunning_clutch: lambda: (
+            s * k.rate / k.v,
+            k.slow * (0.3 + 0.3 * a),
+            k.slow * (2.0 + 3.0 * b),
+        ),
+        Code.latent_store: lambda: (
+            s * k.rate / k.x,
+            k.x_rest + (0.1 + 0.2 * a) * k.x,
+            (0.2 + 0.3 * b) * k.x * k.slow,
+        ),
+        Code.linked_throttle: lambda: (s * k.rate / (k.x_rest + k.x), (0.8 + 0.2 * a) * k.w),
+        Code.warming_damper: lambda: (s * k.rate / k.v, k.slow * (1.0 + 2.0 * a), 0.5 * k.v),
+        Code.overload_recovery: lambda: (s, (0.3 + 0.2 * a) * k.y, k.slow * (2.0 + 3.0 * b)),
+        Code.rate_squared_error: lambda: (s * k.y_std, 1.5 * k.rate),
+        Code.interleaved_converters: lambda: (s,),
     }
     return table[code]()

@@ -81,5 +81,8 @@ MACHINE = Machine(
         Code.supply_ripple: (on_input(),),
         Code.unbalance: (_load,),
         Code.lost_counts: (on_output(),),
+        Code.reversal_pause: (on_input(),),
+        Code.faulty_bit: (on_input(),),
+        Code.eddy_brake: (_load,),
     },
 )

@@ -76,5 +76,10 @@ MACHINE = Machine(
         Code.switching_outlet: (on_state(0, 0), on_state(1, 1)),
         Code.resynchronised_clock: (on_output(),),
         Code.loaded_potentiometer: (on_output(),),
+        Code.scoured_deposit: (on_input(),),
+        Code.stroke_pulsation: (on_input(),),
+        Code.latent_store: (on_state(0, 0), on_state(1, 1)),
+        Code.linked_throttle: (on_state(1, 1, other=0),),
+        Code.rate_squared_error: (on_output(),),
     },
 )
