@@ -262,17 +262,20 @@ def _found_in(
     None where none of them comes near to what is explained by effects that ``always`` act.
     """
     start = fit_states(own, base)
-    rival = None if always is None else fit(own, always.fit.model, iterations=SETTLED, rough=True).cost
-    if rival is not None and _left_outside(np.any(_acting(span, own), axis=1), start) > rival:
+    rival = always and Candidate(fit(own, always.fit.model, iterations=SETTLED, rough=True), own.n_seen)
+    if rival and _left_outside(np.any(_acting(span, own), axis=1), start) > rival.fit.cost:
         return None
     bank = _bank_in(span, own, start, structure, settings)
-    taken = 0.0 if rival is None else np.sum(bank.residual**2) - rival
+    taken = np.sum(bank.residual**2) - rival.fit.cost if rival else 0.0
     if BEYOND * gains(bank).gain.max(initial=0.0) < taken:
         return None
     found = _led(own, start, bank, settings)
     if not found:
         return None
-    own, found, best = _under_clearer_noise(own, found, settings)
+    best = _settled(own, found[0], passes=1)
+    if rival and best.criterion > rival.criterion + IN_REACH:
+        return None
+    own, found, best = _under_clearer_noise(own, best, found, settings)
     return InSpan(own, bank.without_columns(), found, deviance(own, best.fit.model) + best.price)
 
 
@@ -293,15 +296,14 @@ def _led(problem: Problem, start: Fit, bank: Bank, settings: Settings) -> list[C
 
 
 def _under_clearer_noise(
-    problem: Problem, found: list[Candidate], settings: Settings
+    problem: Problem, best: Candidate, found: list[Candidate], settings: Settings
 ) -> tuple[Problem, list[Candidate], Candidate]:
-    """Return the problem, and what was found, best first, under the noise that the best of it leaves.
+    """Return the problem, and what was found, best first, under the noise that its best leaves.
 
     The noise of the rest was coloured by what acts for longer than the span, and by parameters that the rest
     does not go with; what explains most under it may be far from that. Where the best leaves none that is
-    clearer, all is as it was. The best is returned once more, with its ends roughly settled.
+    clearer, all is as it was. The best comes, and is returned once more, with its ends roughly settled.
     """
-    best = _settled(problem, found[0], passes=1)
     noise = clearer_noise(problem, best.fit)
     if noise is None:
         return problem, found, best
