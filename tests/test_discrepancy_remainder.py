@@ -18,7 +18,12 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages.followed import followed, followed_together, response
+from narx_sklearn.discrepancy.stages.followed import (
+    followed,
+    followed_slowly,
+    followed_together,
+    response,
+)
 from narx_sklearn.discrepancy.stages.remainder import (
     Remainder,
     Sign,
@@ -274,6 +279,20 @@ class TestSigns:
         assert len(look(u, y).signs) * follows.p_value <= LEVEL
         assert "position [m] squared times velocity [m/s]" in follows.words
 
+    def test_a_sensor_that_has_to_recover_from_what_was_too_much_for_it_is_no_noise(self):
+        """What it reads is off for 128 samples after each peak, as if it drifted."""
+        rng = np.random.default_rng(8)
+        u = levels(rng, 4000)
+        true = output(u)
+        over = np.sign(true) * np.maximum(np.abs(true) - 1.5 * true.std(), 0.0)
+        y = true - lfilter([1 / 128], [1.0, 1 / 128 - 1.0], 2.0 * over) + coloured("white", rng, 4000)
+        (follows,) = (sign for sign in look(u, y).signs if sign.kind == "follows")
+        assert len(look(u, y).signs) * follows.p_value <= LEVEL
+        # slower than the machine, it does the same before and after it
+        assert "the cube of " in follows.words
+        assert "forgotten within" in follows.words
+        assert follows.port in {Port("input", 0), Port("output", 0)}
+
     def test_a_stiffness_modulated_in_time_is_no_noise(self):
         rng = np.random.default_rng(6)
         u = levels(rng)
@@ -304,6 +323,22 @@ class TestFollowed:
         got = found["position [m] squared times velocity [m/s]"]
         assert np.corrcoef(got, x * x * v)[0, 1] > 0.98  # but for the ends, which are cut off
         assert "drive [V] times position [m] 1 sample before" in found
+
+    def test_what_is_forgotten_was_once_and_in_the_same_session(self):
+        u = np.zeros(1200)
+        u[200:300] = 1.0
+        u[780:800] = 1.0
+        windows = cut([(slice(0, 800), 0), (slice(800, 1200), 800)], 200, 12)
+        problem = Problem(simulator(), u[:, None], np.zeros((1200, 1)), windows, Noise.white(np.ones(1)))
+        run = problem.run(Model(simulator().nominal, (), np.zeros((windows.count, 2))))
+        found = {f.words: f.values for f in followed_slowly(problem, run, past=0)}
+        wave = found["the cube of drive [V], forgotten within 16 samples"]
+        at, after, long_after = wave[[299, 315, 700]]
+        assert (after - long_after) / (at - long_after) == pytest.approx(np.exp(-1), abs=0.005)
+        assert wave[799] > wave[700] + 0.5 * (at - long_after)
+        assert wave[800] == pytest.approx(wave[0])  # nothing of the session before
+        late = {f.words: f.values for f in followed_slowly(problem, run, past=1)}
+        assert not set(late) & {words for words in found if "drive" in words}
 
     def test_each_is_what_the_signal_was_so_long_ago(self):
         rng = np.random.default_rng(0)

@@ -1,10 +1,11 @@
 """What an unknown force may follow: the signals of a run, their rates and directions, now and before."""
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.locate import Tangent
@@ -14,6 +15,8 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 
 BEFORE = (0, 1, 4, 16, 64)  # samples ago
 SHAPES = 12  # half turns over the range of a signal: what is finer, no broken line of 13 knots follows
+FORGOTTEN = (16, 64, 256)  # samples in which what is remembered falls to 1/e
+SEVERAL = 10  # such times that a session must have room for
 ENDS = 0.005  # share of the samples beyond either end of a signal's range
 
 
@@ -98,6 +101,36 @@ def followed_together(problem: Problem, run: Run, *, past: int = 0) -> list[Foll
             words = f"{one.name}{squared} times {other.name}{also}"
             found += _lagged(words, values, BEFORE[:1], late, age, (one.place, other.place))
     return found
+
+
+def followed_slowly(problem: Problem, run: Run, *, past: int = 0) -> list[Followed]:
+    """Return what is left, after a while, of the square and the cube of each input and state along a run.
+
+    What heats up, fades or has to recover follows neither what is, nor what was some samples before.
+
+    Parameters
+    ----------
+    past : int, default=0
+        As in :func:`followed`.
+    """
+    found: list[Followed] = []
+    age = _age(problem)
+    for signal in _signals(problem, run, past):
+        moved = np.nan_to_num(np.clip(signal.values, *signal.range) - np.mean(signal.range))
+        for power, said in ((2, "square"), (3, "cube")):
+            for time in (t for t in FORGOTTEN if SEVERAL * t < age.max()):
+                words = f"the {said} of {signal.name}, forgotten within {time} samples"
+                left = _remembered(moved**power, np.exp(-1.0 / time), age)
+                found += _lagged(words, left, BEFORE[:1], signal.late, age, (signal.place,))
+    return found
+
+
+def _remembered(values: np.ndarray, kept: float, age: np.ndarray) -> np.ndarray:
+    """Return the mean of what came before in the session, each value counting ``kept`` times the next."""
+    out = np.empty_like(values)
+    for begin, end in pairwise([*np.flatnonzero(age == 0), values.size]):
+        out[begin:end] = lfilter([1.0 - kept], [1.0, -kept], values[begin:end])
+    return out
 
 
 class _Signal(NamedTuple):

@@ -28,7 +28,14 @@ from narx_sklearn.discrepancy.search.detect import (
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.stages.followed import BEFORE, SHAPES, followed, followed_together, response
+from narx_sklearn.discrepancy.stages.followed import (
+    BEFORE,
+    SHAPES,
+    followed,
+    followed_slowly,
+    followed_together,
+    response,
+)
 from narx_sklearn.discrepancy.stages.pulse import strongest_pulse
 from narx_sklearn.model.units import in_seconds
 
@@ -169,6 +176,8 @@ def _follows(
         where = port_in_words(port, simulator)
         candidates = followed(problem, run, structure, SHAPES, past=int(at_output))
         candidates += followed_together(problem, run, past=int(at_output))
+        if port.kind != "state":
+            candidates += followed_slowly(problem, run, past=int(at_output))
         candidates = [c for c in candidates if c.is_at_home(port, structure)]
         for begin in range(0, len(candidates), CHUNK):
             chunk = candidates[begin : begin + CHUNK]
