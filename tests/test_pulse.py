@@ -12,7 +12,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.harmonics import SINE
-from narx_sklearn.discrepancy.search.unnamed.kinds import BY_TURNS, WORDS
+from narx_sklearn.discrepancy.search.unnamed.kinds import BY_TURNS, PULSE, WORDS
 from narx_sklearn.discrepancy.search.unnamed.proportions import pulse_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
@@ -145,6 +145,25 @@ def test_a_clock_that_runs_unevenly_is_seen_in_the_rate_of_what_it_reads():
     assert (told.theta[0], told.theta[1]) == pytest.approx(
         (-0.004 * np.sin(0.4), -0.004 * np.cos(0.4)), abs=3e-4
     )
+
+
+def test_a_reading_of_two_converters_that_take_turns_is_told_at_the_output():
+    """Of unequal gains: a wave of half the sampling rate times what is read, 0.01 large."""
+    rng = np.random.default_rng(0)
+    u, _, position = recorded(rng)
+    by_turns = 1.0 + 0.01 * (-1.0) ** np.arange(3000)[:, None]
+    problem, found = fitted(u, position * by_turns + 0.001 * rng.normal(size=position.shape))
+    run, linear = along(problem, found)
+    structure = find_structure(make(), run.x, u)
+    e = out_of(found.jacobian, found.residual[:, :, None])[:, :, 0]
+    pulse = strongest_pulse(problem, found, run, linear, e, structure, rng)
+    assert (pulse.signal, pulse.port) == ("x", Port("output", 0))
+    assert pulse.p_value < 1e-3
+    assert max(pulse.frequencies) == pytest.approx(0.5, abs=1e-3)
+    laws = pulse_hypotheses(make(), structure, (0.5 / DT - 1e-3, 0.5 / DT + 1e-3))
+    (gain,) = (p for p in (law.placed for law in laws) if p.effect.code == PULSE and p.port == pulse.port)
+    told = fit(problem, found.model._replace(effects=(gain,)), iterations=20).model.effects[0]
+    assert told.theta[0] == pytest.approx(0.01, rel=0.1)
 
 
 @pytest.mark.long

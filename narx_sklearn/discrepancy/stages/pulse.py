@@ -103,8 +103,10 @@ class _Pulsing(NamedTuple):
 
 def _pulsing(problem: Problem, run: Run, structure: Structure) -> Iterator[_Pulsing]:
     """Yield what may come and go at inputs, in equations, and of what is read."""
+    signals = {"input": problem.u, "output": run.y}  # by port
     for placed in (hypothesis.placed for hypothesis in line_hypotheses(problem.simulator, structure)):
-        values = problem.u[:, placed.port.index] if placed.port.kind == "input" else run.x @ placed.weights
+        port = placed.port
+        values = signals[port.kind][:, port.index] if port.kind in signals else run.x @ placed.weights
         onward = (Port("state", placed.onward), placed.share) if placed.reacts else None
         yield _Pulsing(placed.argument_name, values, placed.port, onward)
     rates = np.zeros_like(run.y)

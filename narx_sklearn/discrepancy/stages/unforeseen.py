@@ -176,6 +176,8 @@ def factors_inside(problem: Problem, x: np.ndarray, structure: Structure) -> Ite
     covered = problem.rows[problem.inside]
     for hypothesis in line_hypotheses(problem.simulator, structure):
         placed = hypothesis.placed
+        if placed.port.kind == "output":
+            continue
         if placed.port.kind == "input":
             own = problem.u[:, placed.port.index]
             signals = [own, own - np.median(own[covered])]

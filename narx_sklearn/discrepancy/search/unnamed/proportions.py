@@ -89,3 +89,5 @@ def _proportions(simulator: Simulator, structure: Structure) -> Iterator[tuple[P
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):
             yield Port("state", i), argument, "{port}/({arg})"
+    for i, signal in enumerate(simulator.outputs):
+        yield Port("output", i), Argument((), *signal), "-"
