@@ -120,6 +120,22 @@ def test_what_a_sensor_tells_late_was_its_curve_between_the_samples():
     assert error < 0.1 * of_lines
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_what_acts_on_a_command_that_is_late_acts_however_the_two_are_listed(first):
+    rig = rig_for("mass_spring_damper")
+    site = rig.machine.sites[Code.input_polynomial][0]
+    late = Concealed(Code.delay, site, 1.0), np.array([0.7 * rig.machine.dt, *np.zeros(7)])
+    bent = Concealed(Code.input_polynomial, site, 1.0), np.array([0.3, *np.zeros(7)])
+    u = rig.command("multisine", 200, np.random.default_rng(1))
+
+    def run(*effects):
+        return rig.with_effects(effects).record(u, np.random.default_rng(0)).clean
+
+    both = run(*((late, bent) if first else (bent, late)))
+    assert np.max(np.abs(both - run(late))) > 0.01 * np.ptp(both)
+    assert np.max(np.abs(both - run(bent))) > 0.01 * np.ptp(both)
+
+
 @per_machine
 def test_a_machine_rests_at_its_working_point(name):
     rig = rig_for(name)

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.concealed.excitation import excite
 from benchmarks.concealed.noise import draw_noise
-from benchmarks.concealed.plants.codes import Kind
+from benchmarks.concealed.plants.codes import Code, Kind
 from benchmarks.concealed.plants.dispatch import NUMBERS
 from benchmarks.concealed.plants.integrate import MEMORY, Attached, run_hidden
 from benchmarks.concealed.plants.machine import Machine
@@ -101,24 +101,29 @@ class Rig:
         m = self.machine
         return np.array(m.rest_state(**self.constants)) if m.rest_state else np.zeros(len(m.states))
 
+    def _delays_first(self) -> list:
+        """Return the effects as signals meet them: a delay looks at what was commanded, or stands there."""
+        return sorted(self.effects, key=lambda attached: attached[0].code != Code.delay)
+
     def _attached(self) -> Attached:
-        k = len(self.effects)
-        sites = [effect.site for effect, _ in self.effects]
+        effects = self._delays_first()
+        k = len(effects)
+        sites = [effect.site for effect, _ in effects]
         seen = [[s.position, s.rate, s.other, s.other_to, s.input] for s in sites]
-        gates = [[e.start * self.duration, e.stop * self.duration] for e, _ in self.effects]
+        gates = [[e.start * self.duration, e.stop * self.duration] for e, _ in effects]
         return Attached(
-            np.array([int(e.code) for e, _ in self.effects], dtype=np.int64),
+            np.array([int(e.code) for e, _ in effects], dtype=np.int64),
             np.array([int(s.kind) for s in sites], dtype=np.int64),
             np.array([s.index for s in sites], dtype=np.int64),
             np.array(seen, dtype=np.int64).reshape(k, 5),
-            np.array([theta for _, theta in self.effects], dtype=float).reshape(k, 8),
+            np.array([theta for _, theta in effects], dtype=float).reshape(k, 8),
             np.array(gates, dtype=float).reshape(k, 2),
         )
 
     def _memory(self) -> np.ndarray:
         """Return the effects' memories as they are after a long rest."""
         memory = np.zeros((len(self.effects), MEMORY))
-        for row, (effect, _) in zip(memory, self.effects, strict=True):
+        for row, (effect, _) in zip(memory, self._delays_first(), strict=True):
             if effect.site.kind == Kind.output:
                 at_rest = self.rest()[self.machine.measured[effect.site.index]]
                 row[:3] = at_rest_remembered(effect.code, at_rest)
