@@ -507,7 +507,7 @@ def test_what_did_not_lead_where_a_search_began_may_lead_in_the_time_it_came_to(
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), (0.0, 1.0), theta=(0.1,))
     led = fit(problem, base._replace(effects=(load.acting(Span(500 * DT, 1000 * DT)),)))
     settled = [Candidate(led, problem.n_seen)]
-    first, *_, last = temporary._looked_at_again(problem, base, settled, structure, settings)
+    first, *_, last = temporary._looked_at_again(problem, settled, structure, settings)
     assert last is settled[0]
     assert first.effects[0].effect.code == "coulomb_friction"
     assert first.effects[0].during[:2] == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)

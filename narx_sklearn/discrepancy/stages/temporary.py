@@ -114,7 +114,7 @@ def search_in_spans(
         return None
     noise, settled = _settled_again(found.problem, settled, value, settings)
     problem = problem.with_noise(noise)
-    settled = _looked_at_again(problem, refitted.model, settled, structure, settings)
+    settled = _looked_at_again(problem, settled, structure, settings)
     models = [c.fit.model for c in [*settled, *always[:RIVALS]]]
     span = settled[0].effects[0].during
     models += [_in_span(c, span) for c in roughly[len(near) :]]
@@ -352,13 +352,14 @@ def _settled_again(
 
 
 def _looked_at_again(
-    problem: Problem, base: Model, settled: list[Candidate], structure: Structure, settings: Settings
+    problem: Problem, settled: list[Candidate], structure: Structure, settings: Settings
 ) -> list[Candidate]:
     """Return what may act in the span that the best was settled to, all effects searched there once more.
 
-    In the span where the search began, whose ends were off, what is likelier need not have led.
+    In the span where the search began, whose ends were off, what is likelier need not have led. Parameters
+    are begun with as they are beside the best.
     """
-    start = fit_states(problem, base)
+    start = fit_states(problem, settled[0].fit.model._replace(effects=()))
     bank = _bank_in(settled[0].effects[0].during, problem, start, structure, settings)
     known = {c.effects[0].always().place for c in settled}
     led = [c for c in _led(problem, start, bank, settings) if c.effects[0].always().place not in known]
