@@ -1,7 +1,7 @@
 """What an unknown force may follow: the signals of a run, their rates and directions, now and before."""
 
 from collections.abc import Iterator
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.locate import Tangent
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.simulators.simulator import Run
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.physics.effects._series import by_pieces
 
 BEFORE = (0, 1, 4, 16, 64)  # samples ago
 SHAPES = 12  # half turns over the range of a signal: what is finer, no broken line of 13 knots follows
@@ -120,17 +121,14 @@ def followed_slowly(problem: Problem, run: Run, *, past: int = 0) -> list[Follow
         for power, said in ((2, "square"), (3, "cube")):
             for time in (t for t in FORGOTTEN if SEVERAL * t < age.max()):
                 words = f"the {said} of {signal.name}, forgotten within {time} samples"
-                left = _remembered(moved**power, np.exp(-1.0 / time), age)
+                left = by_pieces(_remembered, moved**power, problem.windows.began, np.exp(-1.0 / time))
                 found += _lagged(words, left, BEFORE[:1], signal.late, age, (signal.place,))
     return found
 
 
-def _remembered(values: np.ndarray, kept: float, age: np.ndarray) -> np.ndarray:
-    """Return the mean of what came before in the session, each value counting ``kept`` times the next."""
-    out = np.empty_like(values)
-    for begin, end in pairwise([*np.flatnonzero(age == 0), values.size]):
-        out[begin:end] = lfilter([1.0 - kept], [1.0, -kept], values[begin:end])
-    return out
+def _remembered(values: np.ndarray, kept: float) -> np.ndarray:
+    """Return the mean of what came before, each value counting ``kept`` times the next."""
+    return lfilter([1.0 - kept], [1.0, -kept], values)
 
 
 class _Signal(NamedTuple):
