@@ -27,7 +27,7 @@ def identify_narx(simulator: Simulator, u: np.ndarray, **settings) -> NARXModel:
         If the simulation leaves the finite range on these inputs.
     """
     lasting = simulator.with_effects([e for e in simulator.effects if not e.passes])
-    run = lasting.run(u, Windows.whole([slice(0, len(u))]), np.zeros((1, len(lasting.states))))
+    run = lasting.run(u, Windows.whole([slice(0, len(u))]), lasting.x0[None])
     lost = ~np.isfinite(run.y).all(axis=1)
     if lost.any():
         raise ValueError(

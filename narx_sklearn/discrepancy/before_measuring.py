@@ -94,7 +94,7 @@ def confusability(
         )
     sigma = _read_noise(noise, simulator)
     simulator = simulator.identified(u)
-    run = _free_run(simulator, u, np.zeros(len(simulator.states)))
+    run = _free_run(simulator, u, simulator.x0)
     if run.failed >= 0 or not np.isfinite(run.y).all():
         k = int(np.argmin(finite_rows(run.y)))
         raise ValueError(

@@ -116,12 +116,12 @@ def _number(value, name: str) -> float:
 
 
 def settled(simulator: Simulator, u: np.ndarray, n: int) -> np.ndarray:
-    """Return the states (n_states,) to which n samples of a constant input lead; zero if it does not rest."""
+    """Return the states (n_states,) to which n samples of a constant input lead; ``x0`` without a rest."""
     windows = Windows.whole([slice(0, n)])
-    x = simulator.run(np.tile(u, (n, 1)), windows, np.zeros((1, len(simulator.states)))).x
+    x = simulator.run(np.tile(u, (n, 1)), windows, simulator.x0[None]).x
     with np.errstate(invalid="ignore", over="ignore"):
         late, all_along = np.ptp(x[-(n // 4) - 1 :], axis=0), np.ptp(x, axis=0)
-    return x[-1] if np.all(late <= AT_REST * all_along) else np.zeros(len(simulator.states))
+    return x[-1] if np.all(late <= AT_REST * all_along) else simulator.x0
 
 
 def make_designs(

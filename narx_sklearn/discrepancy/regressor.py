@@ -264,7 +264,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             Inputs.
         y_init : array-like or DataFrame of shape (n_init,) or (n_init, n_outputs), optional
             First measured outputs of the first session, to which its initial state is fitted; columns as in
-            `fit`. Without them a run starts from rest, all states zero.
+            `fit`. Without them a run starts from the simulator's ``x0``, all states zero by default.
         sessions : array-like of shape (n_samples,), optional
             One label a sample; every session starts anew.
 
@@ -272,7 +272,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         -------
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Simulated outputs; NaN from where a run left the finite range. NaN in ``X`` is a gap, and NaN
-            here; after it a run begins anew, from rest.
+            here; after it a run begins anew.
 
         Raises
         ------
@@ -290,7 +290,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         u = without_known_values(self.simulator_.inputs, read_inputs(self._as_fitted(X), self.simulator_))
         warn_of_step(X, self.simulator_, sessions)
         windows = Windows.whole(finite_slices(session_slices(sessions, u.shape[0]), finite_rows(u)))
-        x0 = np.zeros((windows.count, len(self.simulator_.states)))
+        x0 = np.tile(self.simulator_.x0, (windows.count, 1))
         if y_init is not None:
             first = read_outputs(y_init, self.simulator_, "y_init")
             first = without_known_values(self.simulator_.outputs, first)

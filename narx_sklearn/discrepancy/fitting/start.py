@@ -26,8 +26,7 @@ def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
     whole = Windows.whole([piece for piece, _ in pieces])
-    known = simulator.known_states(u, y, whole.first)
-    x, astray = _followed(simulator, u, y, whole, np.where(np.isfinite(known), known, 0.0))
+    x, astray = _followed(simulator, u, y, whole, simulator.told_states(u, y, whole.first))
     if not astray.any() or astray.all():  # all: what was measured is something else
         return x
     n_samples = int(np.sum(whole.last - whole.first))
@@ -63,9 +62,9 @@ def guess_states(
     """Return initial states of the windows, (n_windows, n_states).
 
     Measured states come from the measurement, velocities of measured positions from its slope, the others
-    from a run of the simulator as it stands (``x``), or zero where that run left the finite range.
+    from a run of the simulator as it stands (``x``), or its ``x0`` where that run left the finite range.
     """
-    x0 = np.where(np.isfinite(x[windows.first]), x[windows.first], 0.0)
+    x0 = np.where(np.isfinite(x[windows.first]), x[windows.first], simulator.x0)
     known = measured_states(simulator, u, y, windows, structure.rates)
     return np.where(np.isfinite(known), known, x0)
 

@@ -22,7 +22,7 @@ DISTINCT = 0.7  # share of distinct values among changing samples from which a s
 def counted(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces: list[slice]) -> list[DataFinding]:
     """Return what samples tell that are too few, constant, repeated, clipped, held, or jump."""
     return [
-        *_short_record(simulator, u, pieces),
+        *_short_record(simulator, u, y, pieces),
         *_constant_inputs(simulator, u),
         *_duplicated_samples(u, y, pieces),
         *_clipped_outputs(simulator, u, y, pieces),
@@ -31,17 +31,15 @@ def counted(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces: list[sli
     ]
 
 
-def _short_record(simulator: Simulator, u, pieces):
+def _short_record(simulator: Simulator, u, y, pieces):
     """Yield a finding if no session holds a window."""
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     wanted = fewest(simulator)
     constant = 0.0
     if longest:
         piece = max(pieces, key=lambda p: p.stop - p.start)
-        known = simulator.known_states(
-            u, np.zeros((u.shape[0], len(simulator.outputs))), np.array([piece.start])
-        )
-        run = simulator.run(u, Windows.whole([piece]), np.nan_to_num(known))
+        x0 = simulator.told_states(u, y, np.array([piece.start]))
+        run = simulator.run(u, Windows.whole([piece]), x0)
         constant = (
             find_pace(simulator, run.x[piece], u[piece]).time_constant if len(simulator.states) else 0.0
         )
@@ -82,7 +80,7 @@ def _jumping_outputs(simulator: Simulator, u, y, pieces):
     if not pieces:
         return
     first = np.array([piece.start for piece in pieces], dtype=np.int64)
-    x0 = np.nan_to_num(simulator.known_states(u, y, first))
+    x0 = simulator.told_states(u, y, first)
     simulated = simulator.run(u, Windows.whole(pieces), x0).y
     for i, signal in enumerate(simulator.outputs):
         samples, usual = find_jumps(y[:, i], simulated[:, i], pieces)

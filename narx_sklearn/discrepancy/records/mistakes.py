@@ -173,10 +173,10 @@ def _first_states(case: Case) -> np.ndarray:
     """
     simulator, windows = case.simulator, case.windows
     known = simulator.known_states(case.u, case.y, windows.first)
-    start = np.where(simulator.free_states, 0.0, np.nan_to_num(known))
+    start = np.where(simulator.free_states, simulator.x0, np.nan_to_num(known))
     if not simulator.discrete or any(reads_size(effect) for effect in simulator.effects):
         whole = _whole(windows)
-        x = simulator.run(case.u, whole, np.zeros((whole.count, start.shape[1]))).x[windows.first]
+        x = simulator.run(case.u, whole, np.tile(simulator.x0, (whole.count, 1))).x[windows.first]
         start = np.where(np.isfinite(x), x, start)
     return start
 

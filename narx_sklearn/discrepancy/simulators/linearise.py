@@ -83,7 +83,7 @@ def steady_state(simulator: Simulator, u, p=None) -> np.ndarray:
 def _starts(simulator: Simulator) -> Iterator[np.ndarray]:
     """Yield points from which a rest is looked for."""
     n = len(simulator.states)
-    yield np.zeros(n)
+    yield simulator.x0
     for size in (1.0, -1.0, 100.0):
         yield np.full(n, size)
 

@@ -10,6 +10,7 @@ import numpy as np
 from narx_sklearn._validation import check_choice
 from narx_sklearn.discrepancy.simulators.equations import compiled, picker, takes_rates
 from narx_sklearn.discrepancy.simulators.linearise import Linearisation, linearise, steady_state, steps
+from narx_sklearn.discrepancy.simulators.read_back import states_read
 from narx_sklearn.discrepancy.simulators.simulator import Parameter, Signal, Simulator
 from narx_sklearn.discrepancy.simulators.switches import Switches, find_switches
 from narx_sklearn.exceptions import NarxWarning
@@ -52,6 +53,10 @@ class ODESimulator(Simulator):
         a state, or of the difference of two states of one unit, sticks without chatter.
     hold : {"zero", "linear"}, default="zero"
         What the input does between samples.
+    x0 : mapping of {str: float} or sequence of float, optional
+        States from which a run begins where neither the caller nor the recording tells: all in order, or
+        some by name, the others zero. Equations that make no sense at zero (a gap in a denominator, an
+        absolute temperature) need it for states that no output shows.
 
     Raises
     ------
@@ -89,6 +94,7 @@ class ODESimulator(Simulator):
         output: Sequence[int] | Callable | None = None,
         substeps: int = 1,
         hold: str = "zero",
+        x0: Mapping[str, float] | Sequence[float] | None = None,
     ):
         if not callable(function):
             raise TypeError(f"function must be callable as f(x, u, p), got {function!r}.")
@@ -100,6 +106,7 @@ class ODESimulator(Simulator):
         self.inputs = read_signals(inputs, "inputs")
         self.parameters = tuple(read_parameter(name, given) for name, given in parameters.items())
         check_distinct([p.name for p in self.parameters], "parameters")
+        self._x0 = read_start(x0, self.states)
         self.output, self.outputs = self._read_output(output, outputs)
         if not isinstance(substeps, Integral) or isinstance(substeps, bool) or substeps < 1:
             raise ValueError(f"substeps must be an integer of at least 1, got {substeps!r}.")
@@ -175,10 +182,11 @@ class ODESimulator(Simulator):
 
     def known_states(self, u, y, samples, began=None):
         """Return a guess of the states at the given samples: the measured ones, NaN for the others."""
+        if callable(self.output):
+            return states_read(self, u[samples], y[samples])
         guess = np.full((samples.size, len(self.states)), np.nan)
-        if not callable(self.output):
-            for column, state in enumerate(self.output):
-                guess[:, state] = y[samples, column]
+        for column, state in enumerate(self.output):
+            guess[:, state] = y[samples, column]
         return guess
 
     def jacobian(self, x, u, p=None) -> Linearisation:
@@ -313,6 +321,26 @@ def check_distinct(names: Sequence[str], what: str) -> None:
     repeated = sorted({name for name in names if list(names).count(name) > 1})
     if repeated:
         raise ValueError(f"{what} names {repeated} twice; every name must be given once.")
+
+
+def read_start(given, states: Sequence[Signal]) -> np.ndarray:
+    """Return the states from which runs begin, given in order or some of them by name; zero by default."""
+    if given is None:
+        return np.zeros(len(states))
+    names = [state.name for state in states]
+    if isinstance(given, Mapping):
+        by_name = {Signal.parse(label).name: value for label, value in given.items()}
+        unknown = sorted(set(by_name) - set(names))
+        if unknown:
+            raise ValueError(f"x0 names {unknown}; the states are {names}.")
+        given = [by_name.get(name, 0.0) for name in names]
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape != (len(states),) or not np.all(np.isfinite(values)):
+        raise ValueError(f"x0 is {given!r}; wanted is a finite value for each of the states {names}.")
+    return values
 
 
 def read_parameter(label: str, given) -> Parameter:

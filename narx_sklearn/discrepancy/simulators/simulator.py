@@ -102,6 +102,7 @@ class Simulator(ABC):
     discrete: bool = False
     sees_rates: bool = False
     reads_parameters: bool = False  # its equations do, so that one may depend on a signal
+    _x0: np.ndarray | None = None
 
     @abstractmethod
     def _equations(self) -> tuple[Any, Any]:
@@ -128,6 +129,16 @@ class Simulator(ABC):
         not free must be given exactly.
         """
         return np.full((samples.size, len(self.states)), np.nan)
+
+    @property
+    def x0(self) -> np.ndarray:
+        """States from which a run begins where nothing tells of others, shape (n_states,)."""
+        return np.zeros(len(self.states)) if self._x0 is None else self._x0.copy()
+
+    def told_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """Return the states at the given samples, shape (n, n_states): as measured, or else ``x0``."""
+        known = self.known_states(u, y, samples)
+        return np.where(np.isfinite(known), known, self.x0)
 
     @property
     def nominal(self) -> np.ndarray:
@@ -278,7 +289,8 @@ class Simulator(ABC):
             Inputs, in the units of ``inputs``. Columns of a DataFrame are found by name where all inputs are
             among them, taken in order where none is. NaN marks gaps; the run starts anew after each.
         x0 : array-like of shape (n_states,) or (n_sessions, n_states), optional
-            Initial states; when not given zero, or for a NARX model its rest at the first input.
+            Initial states; when not given the simulator's ``x0``, or for a NARX model its rest at the first
+            input.
         sessions : array-like of shape (n_samples,), optional
             One label a sample; each run of equal labels starts anew.
 
@@ -318,7 +330,7 @@ class Simulator(ABC):
 
     def _initial_states(self, u: np.ndarray, windows: Windows) -> np.ndarray:
         """Return the states, (n_windows, n_states), that runs start from when none are given."""
-        return np.zeros((windows.count, len(self.states)))
+        return np.tile(self.x0, (windows.count, 1))
 
     def _read_inputs(self, X) -> np.ndarray:
         """Return the inputs as an array; columns by name where the names are all there."""

@@ -120,7 +120,7 @@ def _first_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the states with which pieces begin, as far as they are measured, and the inputs there."""
     first = np.array([piece.start for piece, _ in pieces], dtype=np.int64)
-    return np.nan_to_num(simulator.known_states(u, y, first)), u[first]
+    return simulator.told_states(u, y, first), u[first]
 
 
 def _check_growth(simulator: Simulator, pace: Pace, shortest: int, finer: str) -> None:
@@ -268,8 +268,8 @@ def _no_worse_than_given(problem: Problem, refitted: Fit) -> Fit:
 def states_at(problem: Problem, model: Model, windows: Windows) -> np.ndarray:
     """Return the states with which other windows begin, from the run of a model, or else as measured."""
     x = problem.run(model).x[windows.first]
-    known = problem.simulator.known_states(problem.u, problem.y, windows.first)
-    return np.where(np.isfinite(x), x, np.where(np.isfinite(known), known, 0.0))
+    first = problem.simulator.told_states(problem.u, problem.y, windows.first)
+    return np.where(np.isfinite(x), x, first)
 
 
 def residual_deviation(problem: Problem, residual: np.ndarray) -> np.ndarray:
