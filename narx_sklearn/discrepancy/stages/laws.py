@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis, enumerate_hyp
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.search.unnamed.by_rate import placed_by_rate
-from narx_sklearn.discrepancy.search.unnamed.memories import MEMORIES
+from narx_sklearn.discrepancy.search.unnamed.memories import COEFFICIENTS, MEMORIES
 from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
@@ -47,7 +47,9 @@ def best_laws(
         place_hypotheses(simulator, structure, x),
         ripple_hypotheses(simulator, structure, x),
     )
-    tried = [(hypotheses, TRIED) for hypotheses in kinds]
+    coefficients = enumerate_hypotheses(COEFFICIENTS, problem, run, structure, n_jobs=n_jobs)
+    once = {h.placed.place: h for h in coefficients}  # a state without one is its own position too
+    tried = [(hypotheses, TRIED) for hypotheses in (*kinds, list(once.values()))]
     for effects in (MEMORIES, SWITCHES):
         hypotheses = enumerate_hypotheses(effects, problem, run, structure, n_jobs=n_jobs)
         tried.append((hypotheses, len(hypotheses)))

@@ -15,6 +15,7 @@ VARYING = "unnamed_dependence"  # of a parameter
 ONE_PLACE = "unnamed_force_near_one_place"
 RIPPLED = "unnamed_gain_that_ripples"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
+AFTER_WORK, AFTER_SQUARE = "unnamed_coefficient_after_work", "unnamed_coefficient_after_square"
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
 SWITCHED, SWITCHED_GAIN = "unnamed_switch", "unnamed_gain_that_switches"
 BY_RATE, BUILDS_UP = "unnamed_reading_by_rate", "unnamed_reading_that_builds_up"
@@ -100,6 +101,16 @@ WORDS = {
         "a gain that depends on what went before",
         "What goes through here is weaker, or stronger, the more power it took shortly before, as "
         "where something warms up.",
+    ),
+    AFTER_WORK: Words(
+        "a coefficient that depends on what went before",
+        "What acts here in proportion to this signal is weaker, or stronger, the more the signal moved "
+        "shortly before, as where something is stirred thin and sets again.",
+    ),
+    AFTER_SQUARE: Words(
+        "a coefficient that depends on what went before",
+        "What acts here in proportion to this signal is weaker, or stronger, the more power it took shortly "
+        "before, as where a resistance warms up.",
     ),
     TWO_SPEEDS: Words(
         "a lag that is slower one way",

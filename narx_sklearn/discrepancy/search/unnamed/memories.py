@@ -1,15 +1,23 @@
-"""Laws without a name that remember what went through an input or a sensor before.
+"""Laws without a name that remember what went through an input or a sensor, or moved, before.
 
-A gain that goes with how hard a signal worked (a supply that sags, a coil that warms up), a lag that is
-slower one way than the other, a reading that depends on where it last turned. What they are, and not why,
-is told.
+A gain that goes with how hard a signal worked (a supply that sags), a coefficient of the equations that does
+(a resistance that warms up, a paste that is stirred thin), a lag that is slower one way than the other, a
+reading that depends on where it last turned. What they are, and not why, is told.
 """
 
 from functools import partial
 
 import numpy as np
 
-from narx_sklearn.discrepancy.search.unnamed.kinds import LOOP, TWO_SPEEDS, WORDS, WORKED, WORKED_BY_SQUARE
+from narx_sklearn.discrepancy.search.unnamed.kinds import (
+    AFTER_SQUARE,
+    AFTER_WORK,
+    LOOP,
+    TWO_SPEEDS,
+    WORDS,
+    WORKED,
+    WORKED_BY_SQUARE,
+)
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._dynamics import SHORT, moments_of_decay, times_of_lag, weights_along_line
 from narx_sklearn.physics.effects._effect import LACKING
@@ -28,6 +36,9 @@ APART = 4.0  # times as slow one way as the other, from which two speeds are tri
 SIMPLEST = 1.0  # exponent n of a Bouc-Wen element: a loop of exponentials
 BOUC_WEN = CATALOGUE["bouc_wen_hysteresis"]
 MOST = 30.0  # logarithm of a gain, beyond which it only overflows
+RUNAWAY = 0.9  # of what is forgotten, that memory may breed of itself in the mean
+POINT, BEGIN = 2, 3  # r and i among the parameters of what goes with work
+TOLD_BY = "the same small steps after rest and after hard work"
 SLOW = 3  # times over which work is remembered, that are tried
 
 
@@ -41,24 +52,64 @@ def _remembered_run(worked, decay, begin):
     return out
 
 
+def _work(signal, dt, first, theta, power):
+    """Return what is remembered of a power of how far a signal was off r, (n_samples,)."""
+    _, T, r, begin = theta[:4]
+    decay = np.exp(-dt / max(T, SHORT * dt))
+    return by_pieces(_remembered_run, np.abs(signal - r) ** power, first, decay, begin)
+
+
 def _worked_transform(signal, second, dt, theta, first, power):
     """Return a signal whose deviation from r has a gain that goes with the work remembered."""
-    a, T, r, begin = theta[:4]
-    decay = np.exp(-dt / max(T, SHORT * dt))
-    remembered = by_pieces(_remembered_run, np.abs(signal - r) ** power, first, decay, begin)
-    return r + (signal - r) * np.exp(np.minimum(a * remembered, MOST))
+    a, r = theta[0], theta[2]
+    return r + (signal - r) * np.exp(np.minimum(a * _work(signal, dt, first, theta, power), MOST))
+
+
+@kernel
+def _left_by(off, work, time, step, z, theta, dz):
+    """Return what a coefficient adds that goes with M; the second memory counts the work since M was i."""
+    a, T, begin, k = theta[0], max(theta[1], SHORT * step), theta[3], theta[4]
+    dz[0] = (work - (1.0 + k * work) * z[0]) / T
+    dz[1] = work / T
+    return a * off * (z[0] + begin * np.exp(min(-time / T - k * z[1], MOST)))
+
+
+@kernel
+def _after_work(argument, rate, own, second, time, step, z, theta, dz):
+    off = argument - theta[POINT]
+    return _left_by(off, abs(off), time, step, z, theta, dz)
+
+
+@kernel
+def _after_square(argument, rate, own, second, time, step, z, theta, dz):
+    off = argument - theta[POINT]
+    return _left_by(off, off * off, time, step, z, theta, dz)
+
+
+def _starts_of_work(setting: Setting, added, *others) -> np.ndarray:
+    """Work remembered from a few samples to a fifth of the record, counted from zero and from the mean.
+
+    ``added(row)`` is what the law adds along the record; ``others`` are values of its further parameters.
+    """
+    if spread(setting.argument) == 0:
+        return np.empty((0, 4 + len(others)))
+    times = time_constants(setting, SLOW + 1)[1:]
+    return scaled(setting, grid([1.0], times, working_points(setting.argument), [0.0], *others), added)
 
 
 def _worked_starts(setting: Setting, transform) -> np.ndarray:
-    """Work remembered from a few samples to a fifth of the record, counted from zero and from the mean."""
-    if spread(setting.argument) == 0:
-        return np.empty((0, 4))
-    rows = grid([1.0], time_constants(setting, SLOW + 1)[1:], working_points(setting.argument), [0.0])
-
     def added(row: np.ndarray) -> np.ndarray:
         return transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
 
-    return scaled(setting, rows, added)
+    return _starts_of_work(setting, added)
+
+
+def _coefficient_starts(setting: Setting, power: int) -> np.ndarray:
+    def added(row: np.ndarray) -> np.ndarray:
+        work = _work(setting.argument, setting.dt, setting.first, row, power)
+        return row[0] * (setting.argument - row[2]) * work
+
+    return _starts_of_work(setting, added, [0.0])
 
 
 def _worked_limits(setting: Setting) -> np.ndarray:
@@ -68,29 +119,69 @@ def _worked_limits(setting: Setting) -> np.ndarray:
     return limits
 
 
-def _worked(code: str, power: int) -> Effect:
-    """Return a gain that goes with a power of how far the signal was off a point before."""
-    of = f"|s - r|{f'^{power}' * (power > 1)}"
+def _of_work(power: int, per: str) -> tuple[tuple[EffectParameter, ...], str]:
+    """Return the parameters of a law after work, a in a unit per work, and how that is written."""
     unit = f"{{arg}}{f'^{power}' * (power > 1)}"
+    parameters = (
+        EffectParameter("a", per.format(work=unit, port="{port}", arg="{arg}")),
+        EffectParameter("T", "s", 0.0),
+        EffectParameter("r", "{arg}"),
+        EffectParameter("i", unit, 0.0),
+    )
+    return parameters, f"|{{}} - r|{f'^{power}' * (power > 1)}"
+
+
+def _worked(code: str, power: int) -> Effect:
+    """Return a gain, of an input or a sensor, that goes with how far the signal was off a point."""
+    parameters, work = _of_work(power, "1/({work})")
     transform = partial(_worked_transform, power=power)
     return Effect(
         code=code,
         title=WORDS[code].title,
         sentence=WORDS[code].sentence,
-        equation=f"r + (s - r) exp(a M), T M' = {of} - M, at first M = i",
-        parameters=(
-            EffectParameter("a", f"1/({unit})"),
-            EffectParameter("T", "s", 0.0),
-            EffectParameter("r", "{arg}"),
-            EffectParameter("i", unit, 0.0),
-        ),
+        equation=f"r + (s - r) exp(a M), T M' = {work.format('s')} - M, at first M = i",
+        parameters=parameters,
         starts=partial(_worked_starts, transform=transform),
         limits=_worked_limits,
         transform=transform,
-        begin=3,
-        references=(2,),
-        separate_by="the same small steps after rest and after hard work",
+        begin=BEGIN,
+        references=(POINT,),
+        separate_by=TOLD_BY,
     )
+
+
+def _coefficient(code: str, power: int, force, argument: str) -> Effect:
+    """Return a coefficient, of a state equation, that goes with such work.
+
+    With k = 0 it goes in proportion. A structure that work breaks down, the less the less there is of it
+    (k > 0; Moore 1959), and a resistance that warms up the more for being warm (k < 0) are all of this kind:
+    1 - k M is the structure left, or what it has become.
+    """
+    parameters, work = _of_work(power, "{port}/(({arg})*({work}))")
+    return Effect(
+        code=code,
+        title=WORDS[code].title,
+        sentence=WORDS[code].sentence,
+        equation=f"a M (x - r), T M' = {work.format('x')} (1 - k M) - M, at first M = i",
+        parameters=(*parameters, EffectParameter("k", f"1/({parameters[BEGIN].unit})")),
+        starts=partial(_coefficient_starts, power=power),
+        limits=partial(_coefficient_limits, power=power),
+        force=force,
+        argument=argument,
+        n_memory=2,
+        spare=(4,),
+        source="Moore 1959, Trans. Brit. Ceram. Soc. 58",
+        begin=BEGIN,
+        references=(POINT,),
+        separate_by=TOLD_BY,
+    )
+
+
+def _coefficient_limits(setting: Setting, power: int) -> np.ndarray:
+    """Those of work remembered, which breeds no more of itself than is forgotten."""
+    off = np.abs(setting.argument[np.isfinite(setting.argument)]) ** power
+    breeds = RUNAWAY / off.mean() if off.any() else np.inf
+    return np.vstack([_worked_limits(setting), [-breeds, np.inf]])
 
 
 @kernel
@@ -180,3 +271,10 @@ MEMORIES = (
     ),
 )
 """Laws at inputs and outputs, as entries of a catalogue: where and from which values they are tried."""
+
+COEFFICIENTS = tuple(
+    _coefficient(code, power, force, argument)
+    for code, power, force in ((AFTER_WORK, 1, _after_work), (AFTER_SQUARE, 2, _after_square))
+    for argument in ("own", "position")
+)
+"""The same of laws in state equations."""
