@@ -29,6 +29,7 @@ from narx_sklearn.physics.effects._starts import (
     spread,
     time_constants,
     time_looked_at,
+    time_scale,
     working_points,
 )
 
@@ -86,30 +87,36 @@ def _after_square(argument, rate, own, second, time, step, z, theta, dz):
     return _left_by(off, off * off, time, step, z, theta, dz)
 
 
-def _starts_of_work(setting: Setting, added, *others) -> np.ndarray:
-    """Work remembered from a few samples to a fifth of the record, counted from zero and from the mean.
+def _starts_of_work(setting: Setting, times: np.ndarray, added, *others) -> np.ndarray:
+    """Work remembered for some times, counted from zero and from the mean.
 
     ``added(row)`` is what the law adds along the record; ``others`` are values of its further parameters.
     """
     if spread(setting.argument) == 0:
         return np.empty((0, 4 + len(others)))
-    times = time_constants(setting, SLOW + 1)[1:]
     return scaled(setting, grid([1.0], times, working_points(setting.argument), [0.0], *others), added)
 
 
 def _worked_starts(setting: Setting, transform) -> np.ndarray:
+    """Work remembered from a few samples to a fifth of the record."""
+
     def added(row: np.ndarray) -> np.ndarray:
         return transform(setting.argument, None, setting.dt, row, setting.first) - setting.argument
 
-    return _starts_of_work(setting, added)
+    return _starts_of_work(setting, time_constants(setting, SLOW + 1)[1:], added)
 
 
 def _coefficient_starts(setting: Setting, power: int) -> np.ndarray:
+    """Work remembered for longer than the signal moves one way, to a fifth of the record."""
+    times = time_constants(setting, 2)[1:]
+    if times.size:
+        times = np.geomspace(min(time_scale(setting), times[0]), times[0], SLOW + 1)[1:]
+
     def added(row: np.ndarray) -> np.ndarray:
         work = _work(setting.argument, setting.dt, setting.first, row, power)
         return row[0] * (setting.argument - row[2]) * work
 
-    return _starts_of_work(setting, added, [0.0])
+    return _starts_of_work(setting, times, added, [0.0])
 
 
 def _worked_limits(setting: Setting) -> np.ndarray:
@@ -178,10 +185,12 @@ def _coefficient(code: str, power: int, force, argument: str) -> Effect:
 
 
 def _coefficient_limits(setting: Setting, power: int) -> np.ndarray:
-    """Those of work remembered, which breeds no more of itself than is forgotten."""
+    """Longer than the signal moves one way, or it is a curve; work breeds no more than is forgotten."""
+    limits = _worked_limits(setting)
+    limits[1, 0] = min(max(time_scale(setting), limits[1, 0]), limits[1, 1])
     off = np.abs(setting.argument[np.isfinite(setting.argument)]) ** power
     breeds = RUNAWAY / off.mean() if off.any() else np.inf
-    return np.vstack([_worked_limits(setting), [-breeds, np.inf]])
+    return np.vstack([limits, [-breeds, np.inf]])
 
 
 @kernel
