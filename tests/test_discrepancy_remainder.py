@@ -453,3 +453,35 @@ def test_what_two_outputs_share_is_told_in_windows_of_any_length(length):
     one, noise = np.random.default_rng(0).normal(size=(2, 400, length))
     assert _shared(one, 2.0 * one) == pytest.approx(1.0)
     assert _shared(one, noise) < 0.1
+
+
+@pytest.mark.long
+def test_what_only_the_remainder_hears_gets_its_name():
+    """A ripple of eleven waves a radian, half as large as noise with a memory: no line in time, and faint."""
+
+    def cogged(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0] + 0.55 * np.sin(11.0 * x[0] + 2.6)
+
+    def plain(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+    def pendulum(equations, *values):
+        names = "gain [rad/s^2/A]", "damping [1/s]", "spring [1/s^2]"
+        return ODESimulator(
+            equations,
+            dt=0.01,
+            parameters=dict(zip(names, values, strict=True)),
+            states=["angle [rad]", "rate [rad/s]"],
+            inputs=["motor [A]"],
+        )
+
+    rng = np.random.default_rng(4)
+    time = np.arange(4000) * 0.01
+    waves = np.arange(0.1, 4.0, 0.1)[:, None]
+    u = np.sin(2 * np.pi * waves * time + rng.uniform(0, 6.28, (waves.size, 1))).sum(axis=0)
+    u *= 0.65 / np.std(u)
+    y = pendulum(cogged, 34.9, 3.66, 41.8).simulate(u)[:, 0]
+    y += 0.0125 * lfilter([np.sqrt(1 - 0.81)], [1, -0.9], rng.standard_normal(time.size))
+    dx = DiscrepancyRegressor(pendulum(plain, 28.66, 4.41, 36.6), random_state=0).fit(u, y)
+    assert [finding.effect for finding in dx.findings_] == ["cogging"]
+    assert dx.findings_[0].parameters["N"] == pytest.approx(11.0, rel=0.05)

@@ -15,7 +15,8 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
-from narx_sklearn.discrepancy.search.explain import Step
+from narx_sklearn.discrepancy.search.explain import Step, search
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.search.members import by_weight
@@ -34,7 +35,7 @@ from narx_sklearn.discrepancy.stages.beginning import (
     states_at,
 )
 from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search, hypotheses_of
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.plain import (
@@ -60,6 +61,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     which_leads,
 )
 from narx_sklearn.discrepancy.stages.unnamed import (
+    SUSPECT,
     UNEXPLAINED,
     best_pulsating,
     best_unnamed,
@@ -443,6 +445,10 @@ def _unless_noise(
         named = in_part and judge(in_part, structure, settings)
         if in_part and named and named.verdict != "unknown":
             return in_part, named, in_part.p_value
+        heard = _searched_as_heard(searched, remainder.p_value, structure, settings)
+        named = judge(heard, structure, settings)
+        if named and named.verdict != "unknown":
+            return heard, named, heard.p_value
     nothing, known = Candidate(refitted, problem.n_seen), searched.hypotheses
     against_noise = () if is_noise else remainder.speaking(settings.alpha_nameless)
     waves = [hertz for sign in against_noise for hertz in sign.frequencies]
@@ -459,6 +465,23 @@ def _unless_noise(
         law = told.laws if told.stands else None
     shapeless = Judgement("unknown", nothing, (), law, against_noise=against_noise)
     return searched, shapeless, remainder.p_value
+
+
+def _searched_as_heard(
+    searched: Searched, p_value: float, structure: Structure, settings: Settings
+) -> Searched:
+    """Return a search for names of what another test hears: it need not hear them as clearly itself.
+
+    A ripple that is no line in time, under noise with a memory, is little of all that is searched for.
+    """
+    problem, refitted, _ = searched
+
+    def make_hypotheses(found: Fit) -> list[Hypothesis]:
+        return hypotheses_of(problem, found, structure, settings)
+
+    steps = search(problem, refitted, make_hypotheses, replace(settings, alpha=SUSPECT))
+    heard = steps[0].detection._replace(p_value=p_value)
+    return Searched(problem, refitted, [steps[0]._replace(detection=heard), *steps[1:]])
 
 
 def _unless_unforeseen(
