@@ -54,12 +54,12 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
     """Return the phi regressors of a simulator's effects, as functions of the signals u and y.
 
     An effect at an input is a function of that input; any other is written in the measured output, which
-    stands for the state it acts on.
+    stands for the state it acts on. What acts behind a state, on what others have of it, has none.
     """
     found: dict[str, Phi] = {}
     one_input, one_output = len(simulator.inputs) == 1, len(simulator.outputs) == 1
     for placed in simulator.effects:
-        if placed.effect.phi is None or not _reads_as_written(placed, simulator):
+        if placed.effect.phi is None or placed.handed_on or not _reads_as_written(placed, simulator):
             continue
         kind, index = placed.port
         signal = ("u" if one_input else f"u{index + 1}") if kind == "input" else None

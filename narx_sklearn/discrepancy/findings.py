@@ -555,6 +555,9 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
         return f"{words}, with {placed.second_name}"
     if placed.through >= 0:
         return f"beside the input {simulator.inputs[placed.through].name}"
+    if placed.handed_on:
+        name = simulator.states[placed.port.index].name
+        return f"behind {name}, as the other equations have it"
     if placed.reacts and placed.theta and not placed.theta[-1]:
         return words  # the neighbour does not feel it
     if placed.reacts:

@@ -94,6 +94,9 @@ class PlacedEffect:
     through : int
         Input that it is added to: what it does the simulator's own equations tell, as of a force on one of
         several bodies that move together; -1 for none, and it is added to its port.
+    handed_on : bool
+        Whether it changes what all other equations have of the port's state, which follows an input, and not
+        that state's own equation.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.
@@ -117,6 +120,7 @@ class PlacedEffect:
     second_unit: str = ""
     share: float = 0.5
     through: int = -1
+    handed_on: bool = False
     inertial: bool = False
     odd: bool = False
     during: Span = ALWAYS
@@ -150,7 +154,7 @@ class PlacedEffect:
     @property
     def place(self) -> tuple:
         """Everything but the parameter values: two of one place are the same hypothesis."""
-        ways = self.onward, self.through
+        ways = self.onward, self.through, self.handed_on
         return (self.effect.code, self.port, self.weights, self.second, *ways, self.during)
 
     @property
@@ -200,6 +204,11 @@ class PlacedEffect:
         """Index of the parameter that scales the whole effect here; None where no parameter does."""
         scales = self.effect.amplitude
         return scales if scales is not None and np.ptp(self.bounds[scales]) > 0 else None
+
+    @property
+    def force(self):
+        """Function of the force at a state port, or of what is added to a state that is handed on."""
+        return self.effect.handed_on or self.effect.force if self.handed_on else self.effect.force
 
     @property
     def reacts(self) -> bool:

@@ -27,7 +27,7 @@ def state_forces(
         Samples inside the windows, where the run is finite.
     """
     acting = [(i, simulator.effects[i]) for i in in_turn(simulator.effects)]
-    functions = [compiled_force(placed.effect.force) for _, placed in acting]
+    functions = [compiled_force(placed.force) for _, placed in acting]
     thetas = np.zeros((len(acting), MAX_THETA))
     for theta, (_, placed) in zip(thetas, acting, strict=True):
         n = len(placed.effect.parameters)
@@ -70,7 +70,9 @@ def state_forces(
                 np.zeros(MAX_MEMORY),
             )
             values[e, at] = values[e, at] if acts[e][at] else 0.0
-            if placed.through >= 0:
+            if placed.handed_on:
+                slope += _handed_on(simulator, x, now, port, values[e, at]) - nominal
+            elif placed.through >= 0:
                 slope += _beside(simulator, x, now, placed.through, values[e, at]) - nominal
             else:
                 slope[port] += placed.added(simulator.dt) * values[e, at]
@@ -84,6 +86,15 @@ def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, fo
     moved = np.array(u, dtype=float)
     moved[through] += force
     return evaluate(simulator, x, moved)[0]
+
+
+def _handed_on(simulator: Simulator, x: np.ndarray, u: np.ndarray, state: int, added: float) -> np.ndarray:
+    """Return the rates (n_states,) with something added to a state as all equations but its own have it."""
+    moved = np.array(x, dtype=float)
+    moved[state] += added
+    rates = evaluate(simulator, moved, u)[0]
+    rates[state] = evaluate(simulator, x, u)[0][state]
+    return rates
 
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:
@@ -163,6 +174,8 @@ def correction_unit(placed: PlacedEffect, simulator: Simulator) -> str:
     unit = _signal(placed.port, simulator).unit
     if placed.through >= 0:
         return simulator.inputs[placed.through].unit
+    if placed.handed_on:
+        return unit
     if placed.inertial:
         return tidy_unit(f"{unit}/s^2") if unit else ""
     return unit_added(placed.port, simulator)
@@ -172,6 +185,8 @@ def correction_name(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return what an effect adds to what, without the unit."""
     if placed.through >= 0:
         return f"added to {simulator.inputs[placed.through].name}"
+    if placed.handed_on:
+        return f"added to {_signal(placed.port, simulator).name}"
     if placed.inertial:
         return f"added to the acceleration of {_signal(placed.port, simulator).name}"
     return name_added(placed.port, simulator)

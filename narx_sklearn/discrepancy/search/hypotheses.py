@@ -193,7 +193,7 @@ class _Material:
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
             argument, rate = self.x @ weights, self.rates @ weights
-            own = rate if placed.inertial else own
+            own = rate if placed.inertial else argument if placed.handed_on else own
             if placed.through >= 0:  # what is added to the input is counted in its unit
                 own = own / self.structure.gain[index, placed.through]
         else:

@@ -50,6 +50,8 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 places += [placed, *beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
+    if effect.handed_on is not None:
+        places += [handed_on(effect, i, simulator) for i in structure.handed_on]
     return [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
@@ -84,6 +86,12 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
     weights, name, unit, back, ratio, _ = argument
     at = PlacedEffect(effect, port, weights, argument_name=name, argument_unit=unit)
     return at if back < 0 else replace(at, onward=back, share=ratio)
+
+
+def handed_on(effect: Effect, i: int, simulator: Simulator) -> PlacedEffect:
+    """Return an effect on what other equations have of a state that follows an input."""
+    argument = Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
+    return replace(placed_at(effect, Port("state", i), argument), handed_on=True)
 
 
 def beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure) -> Iterator[PlacedEffect]:

@@ -169,7 +169,20 @@ def _gain_through(equation, x, u, p, channel, weights, e, rates, pushed):
 
 @njit(nogil=True, inline="always")
 def _push_through(equation, x, u, p, channel, force, rates, pushed, slope, r):
-    """Add to the rates of a stage what a force beside an input makes of them."""
+    """Add to the rates of a stage what a force beside an input makes of them.
+
+    A channel beyond the inputs is a state: what is added to it all equations have but its own.
+    """
+    if channel >= u.size:
+        state = channel - u.size
+        handed_on = x[state]
+        x[state] = handed_on + force
+        write(equation, x, u, p, pushed)
+        x[state] = handed_on
+        for i in range(x.size):
+            if i != state:
+                slope[r, i] += pushed[i] - rates[i]
+        return
     entered = u[channel]
     u[channel] = entered + force
     write(equation, x, u, p, pushed)
@@ -287,7 +300,8 @@ def _simulate_windows(
     nothing else is its second argument, that is the acceleration without it. Where a force's argument is how
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
-    `through` an input (else that is -1) is added to it, and the equations tell what it does. Each acts in the
+    `through` an input (else that is -1) is added to it, and the equations tell what it does; so is what is
+    added to a state, which counts after the inputs, as all equations but its own have it. Each acts in the
     steps that start between its times `begins` and `ends`, counted from where the session began or, `along`
     the record, from its first sample. The equations jump by about twice an `authority` where one of the
     `switches` @ x is zero, to within a `width`.
@@ -416,7 +430,7 @@ def _simulate_windows(
                                 if is_map and (memory[e] > 0 or inertial[e]):
                                     within = dt  # a memory lives in time
                                 gain = answer[e]
-                                if through[e] >= 0:
+                                if 0 <= through[e] < now.size:
                                     gain = _gain_through(
                                         equation, stage, now, p, through[e], weights, e, unsettled, pushed
                                     )

@@ -25,8 +25,10 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
-        addresses[i] = force_address(effect.force)
+        addresses[i] = force_address(placed.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
+        if placed.handed_on:  # a state counts after the inputs
+            through[i] = n_inputs + placed.port.index
         memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
@@ -44,4 +46,5 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
 
 def is_special(placed: PlacedEffect) -> bool:
     """Tell whether a force does more than act in its own state equation (and onward)."""
-    return placed.effect.after or placed.inertial or placed.through >= 0 or placed.answer > 0
+    elsewhere = placed.through >= 0 or placed.handed_on
+    return placed.effect.after or placed.inertial or elsewhere or placed.answer > 0

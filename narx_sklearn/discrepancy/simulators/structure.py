@@ -13,6 +13,7 @@ from narx_sklearn.model.units import may_be_alike
 POINTS = 6  # states of the run at which derivatives are compared
 STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are straight lines
 ALIKE = 1e-6  # relative difference below which a derivative counts as the same
+MOVED = 0.3  # of a parameter, that may move where a state rests
 UNEVEN = 0.01  # relative difference above which an input's gain is another one elsewhere
 
 
@@ -28,6 +29,7 @@ class Structure(NamedTuple):
     gain: np.ndarray  # (n_states, n_inputs) mean of that dependence
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
+    follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -48,6 +50,13 @@ class Structure(NamedTuple):
             for velocity, position in enumerate(self.partner)
             if position >= 0 and self.kinematic[position] and not self.inputs[position].any()
         )
+
+    @property
+    def handed_on(self) -> list[int]:
+        """States that only follow an input, as an actuator does its command, and drive other equations."""
+        others = self.states & ~np.eye(len(self.partner), dtype=bool)
+        drives = np.any(others & ~self.kinematic[:, None], axis=0)
+        return np.flatnonzero(self.follows & drives).tolist()
 
     @property
     def channels(self) -> np.ndarray:
@@ -128,7 +137,36 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    return Structure(tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read)
+    follows = np.zeros(n, dtype=bool)
+    if not simulator.discrete and points.size:
+        alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
+        follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
+    return Structure(
+        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, follows
+    )
+
+
+def _rests_where_told(simulator: Simulator, x: np.ndarray, u: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Tell of which states, each alone in its equation, no parameter moves the rest.
+
+    A lag of unit gain is such: its parameter says how soon the state is there, not where. What a store holds
+    at rest depends on what flows in and on how it leaks.
+    """
+    p = simulator.nominal
+    told = np.ones(states.size, dtype=bool)
+    for at_x, at_u in zip(x, u, strict=True):
+        aside = np.array(at_x)
+        aside[states] += np.where(at_x[states] == 0, 1.0, at_x[states])
+
+        def rests(p, at_x=at_x, at_u=at_u, aside=aside):
+            rates, there = (evaluate(simulator, v, at_u, p)[0][states] for v in (at_x, aside))
+            return at_x[states] - rates * (aside - at_x)[states] / (there - rates)
+
+        with np.errstate(all="ignore"):
+            here = rests(p)
+            for other in p + np.diag(np.where(p == 0, 1.0, MOVED * p)):
+                told &= np.abs(rests(other) - here) <= STEP * (np.abs(here) + np.abs(at_x[states]))
+    return told
 
 
 def _is_relative(i: int, sources: np.ndarray, of_states, of_inputs, simulator: Simulator) -> bool:

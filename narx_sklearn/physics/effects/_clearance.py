@@ -4,7 +4,7 @@ import numpy as np
 
 from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import Phi
-from narx_sklearn.physics.effects._corner import between
+from narx_sklearn.physics.effects._corner import between, kept_between
 from narx_sklearn.physics.effects._curves import of_level, plays
 from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
@@ -84,6 +84,11 @@ def _past_dead_zone(level, d, c, w):
 
 def _dead_zone_transform(signal, second, dt, theta, first):
     return _past_dead_zone(signal, theta[0], theta[1], theta[2])
+
+
+@kernel
+def _dead_zone_handed_on(argument, rate, own, second, time, step, z, theta, dz):
+    return -kept_between(argument - theta[1], -theta[0], theta[0], theta[2])
 
 
 def _within_zone(theta):
@@ -264,6 +269,7 @@ CLEARANCE = (
         starts=_dead_zone_starts,
         limits=_dead_zone_limits,
         transform=_dead_zone_transform,
+        handed_on=_dead_zone_handed_on,
         output_port=False,
         amplitude=None,
         acts_in=_within_zone,

@@ -108,6 +108,9 @@ class Effect:
         The same for an input that is held from sample to sample, where it then changes between samples:
         ``held(signal, dt, theta, first) -> (mean, rise)``, its mean over each step, and by how much the
         straight line closest to it rises.
+    handed_on : callable, optional
+        For a state that only follows an input, as all other equations have it: like ``force``, what is added
+        to it there, of its present value alone; compiled by numba.
     factor : callable, optional
         For a parameter of the simulator: ``factor(second, theta) -> float``, by which it is multiplied
         wherever it stands in the equations and outputs; compiled by numba.
@@ -235,6 +238,7 @@ class Effect:
     transform: Any = None
     held: Any = None
     curved: Any = None
+    handed_on: Any = None
     factor: Any = None
     input_port: bool = True
     output_port: bool = True

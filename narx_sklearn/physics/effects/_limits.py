@@ -3,7 +3,7 @@
 import numpy as np
 
 from narx_sklearn.model.phi import Phi
-from narx_sklearn.physics.effects._corner import between
+from narx_sklearn.physics.effects._corner import between, kept_between
 from narx_sklearn.physics.effects._curves import of_difference, of_level
 from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
@@ -29,6 +29,16 @@ def _saturated(level, low, high, w):
 
 def _saturation_transform(signal, second, dt, theta, first):
     return _saturated(signal, theta[0], theta[1], theta[2])
+
+
+@kernel
+def _saturation_handed_on(argument, rate, own, second, time, step, z, theta, dz):
+    low, high, w = theta[0], theta[1], theta[2]
+    if not w > 0.0:
+        return kept_between(argument, low, high, 0.0) - argument
+    middle, half = 0.5 * (low + high), max(0.5 * abs(high - low), SLIM * w)
+    slope = np.tanh(0.5 * half / w)
+    return middle + (kept_between(argument, middle - half, middle + half, w) - middle) / slope - argument
 
 
 def _saturation_starts(setting: Setting) -> np.ndarray:
@@ -197,6 +207,7 @@ LIMITS = (
         starts=_saturation_starts,
         limits=_saturation_limits,
         transform=_saturation_transform,
+        handed_on=_saturation_handed_on,
         output_port=False,
         amplitude=None,
         levels=(0, 1),

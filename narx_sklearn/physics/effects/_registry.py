@@ -265,8 +265,9 @@ def _check_trial(effect: Effect) -> None:
                 "least and the largest value of each parameter."
             )
     theta = starts[0]
-    if effect.force is not None:
-        _try_force(effect, theta)
+    for name in ("force", "handed_on"):
+        if getattr(effect, name) is not None:
+            _try_force(effect, name, theta)
     if effect.transform is not None:
         _try_on_signal(effect, "transform", lambda signal, at: _transformed(effect, signal, at, theta))
     if effect.factor is not None:
@@ -338,18 +339,18 @@ def _try_factor(effect: Effect, theta: np.ndarray) -> None:
         raise ValueError(f"Effect {effect.code!r}: factor returned {value!r}; wanted is one finite number.")
 
 
-def _try_force(effect: Effect, theta: np.ndarray) -> None:
+def _try_force(effect: Effect, name: str, theta: np.ndarray) -> None:
     padded = np.zeros(MAX_PARAMETERS + 1)
     padded[: theta.size] = theta
     dz = np.full(MAX_MEMORY, np.nan)
     value = _tried(
         effect,
-        "force",
-        lambda: effect.force(0.5, -0.3, 0.2, 0.1, 1.0, TRIAL_STEP, np.zeros(MAX_MEMORY), padded, dz),
+        name,
+        lambda: getattr(effect, name)(0.5, -0.3, 0.2, 0.1, 1.0, TRIAL_STEP, np.zeros(MAX_MEMORY), padded, dz),
     )
     if not np.isscalar(value) or not np.isfinite(value):
-        raise ValueError(f"Effect {effect.code!r}: force returned {value!r}; wanted is one finite number.")
-    if not np.all(np.isfinite(dz[: effect.n_memory])):
+        raise ValueError(f"Effect {effect.code!r}: {name} returned {value!r}; wanted is one finite number.")
+    if name == "force" and not np.all(np.isfinite(dz[: effect.n_memory])):
         raise ValueError(
             f"Effect {effect.code!r}: force left dz = {dz[: effect.n_memory].tolist()}; it must write all "
             f"{effect.n_memory} states that n_memory announces."

@@ -61,6 +61,12 @@ def _polynomial_transform(signal, second, dt, theta, first):
     return signal + beyond * beyond * (theta[0] + beyond * theta[1])
 
 
+@kernel
+def _polynomial_handed_on(argument, rate, own, second, time, step, z, theta, dz):
+    beyond = argument - theta[2]
+    return beyond * beyond * (theta[0] + beyond * theta[1])
+
+
 def _polynomial_starts(setting: Setting) -> np.ndarray:
     """Mostly one power about where the signal works, with either sign; a square about zero if that differs.
 
@@ -153,6 +159,7 @@ STIFFNESS = (
         references=(2,),
         starts=_polynomial_starts,
         transform=_polynomial_transform,
+        handed_on=_polynomial_handed_on,
         output_port=False,
         amplitude=None,
         lookalikes=("input_saturation", "load_friction"),

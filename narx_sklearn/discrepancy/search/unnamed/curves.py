@@ -40,11 +40,17 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 found.append(of_motion(port, argument, position, simulator.dt))
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
+    for i in structure.handed_on:
+        argument = Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
+        curve = curve_at(Port("state", i), argument, x[:, i])
+        if curve is not None:
+            behind = replace(curve.placed, handed_on=True)
+            found.append(curve._replace(placed=behind))
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)
         for hypothesis in known
-        if hypothesis.placed.port.kind == "state"
+        if hypothesis.placed.port.kind == "state" and not hypothesis.placed.handed_on
         for beside in beside_inputs(hypothesis.placed, simulator, structure)
     ]
 

@@ -1,0 +1,171 @@
+"""What acts behind an actuator's own lag: between a spool and what flows, a motor and what it turns."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.as_narx import effect_regressors
+from narx_sklearn.discrepancy.fitting.acting import state_forces
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.places import handed_on
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, register_effect
+
+DT = 0.02
+ACTING = [effect for effect in CATALOGUE.values() if effect.handed_on is not None]
+
+
+def cylinder(x, u, p):
+    spool, speed = x[0], x[1]
+    return (u[0] - spool) / p[0], p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
+
+
+def make(equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
+    return ODESimulator(
+        equations,
+        dt=DT,
+        parameters={"lag [s]": lag, "gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["spool [V]", "speed [m/s]"],
+        inputs=["valve [V]"],
+        outputs=["speed [m/s]"],
+        output=[1],
+    )
+
+
+def structure_of(simulator):
+    u = np.random.default_rng(0).normal(size=(200, len(simulator.inputs)))
+    x = simulator.run(u, Windows.whole([slice(0, 200)]), np.zeros((1, len(simulator.states)))).x
+    return find_structure(simulator, x, u)
+
+
+def test_which_states_follow_an_input_and_drive_others():
+    assert structure_of(make()).handed_on == [0]
+    assert {effect.code for effect in ACTING} == {"dead_zone", "input_saturation", "input_polynomial"}
+
+
+def test_a_store_is_no_actuator():
+    """What it holds at rest depends on how it leaks, so a parameter moves it."""
+
+    def tanks(x, u, p):
+        return p[0] * u[0] - p[1] * x[0], p[1] * x[0] - p[2] * x[1]
+
+    assert structure_of(make(tanks)).handed_on == []
+
+
+def test_what_feels_others_or_drives_none_is_none():
+    def motor(x, u, p):
+        return (u[0] - x[0]) / p[0] - 0.1 * x[1], p[1] * x[0] - p[2] * x[1]
+
+    def alone(x, u, p):
+        return (u[0] - x[0]) / p[0], p[1] * u[0] - p[2] * x[1]
+
+    assert structure_of(make(motor)).handed_on == []
+    assert structure_of(make(alone)).handed_on == []
+
+
+@pytest.mark.parametrize("effect", ACTING, ids=str)
+@given(
+    values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=8),
+    theta=st.tuples(st.floats(0.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.8)),
+)
+def test_it_is_what_it_does_to_an_input(effect, values, theta):
+    signal = np.array(values)
+    theta = np.array([-theta[0] - 0.1, theta[1] + 1.1, theta[2]] if effect.levels else theta)
+    unused = np.zeros(1)
+    added = [effect.handed_on(s, 0.0, s, 0.0, 0.0, DT, unused, theta, unused) for s in values]
+    at_input = effect.transform(signal, None, DT, theta, [0]) - signal
+    np.testing.assert_allclose(added, at_input, rtol=1e-9, atol=1e-9)
+
+
+def test_against_equations_that_have_it():
+    d, c = 0.4, 0.1
+
+    def overlapped(x, u, p):
+        spool, speed = x[0], x[1]
+        passed = spool - min(max(spool - c, -d), d)
+        return (u[0] - spool) / p[0], p[1] * passed * (1.0 - 0.1 * speed) - p[2] * speed
+
+    u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
+    placed = handed_on(CATALOGUE["dead_zone"], 0, make()).at([d, c, 0.0])
+    with_effect, written = make().with_effects([placed]), make(overlapped)
+    np.testing.assert_allclose(with_effect.simulate(u), written.simulate(u), atol=1e-12)
+    whole = Windows.whole([slice(0, u.size)])
+    run = with_effect.run(u[:, None], whole, np.zeros((1, 2)))
+    np.testing.assert_array_equal(run.x[:, 0], make().run(u[:, None], whole, np.zeros((1, 2))).x[:, 0])
+    rows = np.arange(0, u.size, 7)
+    argument, added = state_forces(with_effect, run, u[:, None], whole, rows)[0]
+    np.testing.assert_array_equal(argument, run.x[rows, 0])
+    np.testing.assert_allclose(added, -np.clip(argument - c, -d, d))
+    assert effect_regressors(with_effect) == ()  # no signal of the record is that state
+
+
+def test_an_effect_of_ones_own_may_act_there():
+    def half(argument, rate, own, second, time, step, z, theta, dz):
+        return -theta[0] * argument
+
+    own = Effect(
+        "test_halved",
+        "Halved",
+        "Less arrives.",
+        "(1 - q) s",
+        (EffectParameter("q", "-", 0.0, 1.0),),
+        lambda setting: np.array([[0.5]]),
+        transform=lambda signal, second, dt, theta, first: (1 - theta[0]) * signal,
+        handed_on=half,
+    )
+    try:
+        register_effect(own)
+        placed = PlacedEffect(own, Port("state", 0), (1.0, 0.0), theta=(0.5,), handed_on=True)
+        u = np.ones(400)
+        halved = make().with_effects([placed]).simulate(u)[-1, 0]
+        assert halved == pytest.approx(3.0 / 2.3, rel=1e-6)  # 6 s (1 - v/10) = 2 v with s = 1/2
+    finally:
+        CATALOGUE.pop("test_halved", None)
+
+
+def diagnosed(before=lambda s: s, behind=lambda s: s):
+    """Return the diagnosis of a cylinder whose valve has something before its spool's lag, or behind it."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.uniform(-2.0, 2.0, 150), 12)
+    speed, spool, y, h = 0.0, 0.0, [], DT / 20
+    for command in u:
+        y.append(speed)
+        for _ in range(20):
+            speed += h * (6.0 * behind(spool) * (1.0 - 0.1 * speed) - 2.0 * speed)
+            spool += h * (before(command) - spool) / 0.08
+    y = np.array(y) + 0.05 * rng.standard_normal(u.size)
+    return DiscrepancyRegressor(make(lag=0.07, gain=5.4, damping=2.2), random_state=0).fit(u, y)
+
+
+@pytest.mark.parametrize(
+    ("effect", "passed", "told"),
+    [
+        ("dead_zone", lambda s: s - min(max(s, -0.4), 0.4), {"d": 0.4}),
+        pytest.param(
+            "input_saturation",
+            lambda s: min(max(s, -1.0), 1.2),
+            {"low": -1.0, "high": 1.2},
+            marks=pytest.mark.long,
+        ),
+    ],
+)
+def test_it_is_named_behind_the_actuator(effect, passed, told):
+    dx = diagnosed(behind=passed)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", effect, "state:0")
+    assert "behind spool, as the other equations have it" in dx.report_
+    for name, value in told.items():
+        assert finding.parameters[name] == pytest.approx(value, rel=0.05)
+    lag = {p.name: p.value for p in dx.simulator_.parameters}["lag"]
+    assert lag == pytest.approx(0.08, rel=0.05)
+
+
+@pytest.mark.long
+def test_what_acts_before_it_is_named_there():
+    dx = diagnosed(before=lambda s: s - min(max(s, -0.4), 0.4))
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "dead_zone", "input:0")
+    assert finding.parameters["d"] == pytest.approx(0.4, rel=0.05)
