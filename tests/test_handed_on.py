@@ -1,5 +1,7 @@
 """What acts behind an actuator's own lag: between a spool and what flows, a motor and what it turns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.as_narx import effect_regressors
+from narx_sklearn.discrepancy.findings import parameter_units
 from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.places import handed_on
@@ -35,6 +38,28 @@ def make(equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
     )
 
 
+def slowly(u, before=lambda s: s, follows=lambda v: v, behind=lambda s: s):
+    """Return the speed at each sample, by small steps of Euler's kind: an independent twin."""
+    speed, spool, speeds, h = 0.0, 0.0, [], DT / 20
+    for command in u:
+        speeds.append(speed)
+        for _ in range(20):
+            speed += h * (6.0 * behind(spool) * (1.0 - 0.1 * speed) - 2.0 * speed)
+            spool += h * follows((before(command) - spool) / 0.08)
+    return np.array(speeds)
+
+
+def play_of(half_width):
+    """Return a function that follows with a play."""
+    at = [0.0]
+
+    def follows(s):
+        at[0] = min(max(at[0], s - half_width), s + half_width)
+        return at[0]
+
+    return follows
+
+
 def structure_of(simulator):
     u = np.random.default_rng(0).normal(size=(200, len(simulator.inputs)))
     x = simulator.run(u, Windows.whole([slice(0, 200)]), np.zeros((1, len(simulator.states)))).x
@@ -43,7 +68,12 @@ def structure_of(simulator):
 
 def test_which_states_follow_an_input_and_drive_others():
     assert structure_of(make()).handed_on == [0]
-    assert {effect.code for effect in ACTING} == {"dead_zone", "input_saturation", "input_polynomial"}
+    assert {effect.code for effect in ACTING} == {
+        "backlash",
+        "dead_zone",
+        "input_saturation",
+        "input_polynomial",
+    }
 
 
 def test_a_store_is_no_actuator():
@@ -66,7 +96,7 @@ def test_what_feels_others_or_drives_none_is_none():
     assert structure_of(make(alone)).handed_on == []
 
 
-@pytest.mark.parametrize("effect", ACTING, ids=str)
+@pytest.mark.parametrize("effect", [effect for effect in ACTING if effect.memoryless], ids=str)
 @given(
     values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=8),
     theta=st.tuples(st.floats(0.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.8)),
@@ -102,6 +132,35 @@ def test_against_equations_that_have_it():
     assert effect_regressors(with_effect) == ()  # no signal of the record is that state
 
 
+def test_a_play_behind_it_is_that_of_the_state():
+    u = np.repeat(np.random.default_rng(3).uniform(-2, 2, 30), 20)
+    play = handed_on(CATALOGUE["backlash"], 0, make())
+    assert play.at([1.0, 0.3, 0.0, 0.0]).bounds[0].tolist() == [1.0, 1.0]  # all of the motion is lost
+    whole, none = Windows.whole([slice(0, u.size)]), np.zeros((1, 2))
+    fine = make().run(u[:, None], whole, none)
+    run = make().with_effects([play.at([1.0, 0.3, 0.0, 0.0])]).run(u[:, None], whole, none)
+    np.testing.assert_array_equal(run.x[:, 0], fine.x[:, 0])
+    passed = play_of(0.3)
+    told = slowly(u, behind=passed)
+    assert np.abs(run.x[:, 1] - told).max() < 0.02 * np.std(told)  # of the step in which it begins
+
+
+def test_how_fast_it_follows_may_be_limited():
+    def limited(x, u, p):
+        spool, speed = x[0], x[1]
+        return min(max((u[0] - spool) / p[0], -5.0), 5.0), p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
+
+    u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
+    of = handed_on(CATALOGUE["rate_limit"], 0, make())
+    placed = replace(of, handed_on=False).at([5.0, 0.0, 0.0])
+    assert placed.is_how_it_follows
+    assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0]]
+    assert placed.n_values == 1
+    with_effect = make().with_effects([placed])
+    np.testing.assert_allclose(with_effect.simulate(u), make(limited).simulate(u), atol=1e-12)
+    assert parameter_units(placed, make())[0] == "V/s"
+
+
 def test_an_effect_of_ones_own_may_act_there():
     def half(argument, rate, own, second, time, step, z, theta, dz):
         return -theta[0] * argument
@@ -126,17 +185,11 @@ def test_an_effect_of_ones_own_may_act_there():
         CATALOGUE.pop("test_halved", None)
 
 
-def diagnosed(before=lambda s: s, behind=lambda s: s):
-    """Return the diagnosis of a cylinder whose valve has something before its spool's lag, or behind it."""
+def diagnosed(**what):
+    """Return the diagnosis of a cylinder; a valve has something before its spool's lag, in it or behind."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.uniform(-2.0, 2.0, 150), 12)
-    speed, spool, y, h = 0.0, 0.0, [], DT / 20
-    for command in u:
-        y.append(speed)
-        for _ in range(20):
-            speed += h * (6.0 * behind(spool) * (1.0 - 0.1 * speed) - 2.0 * speed)
-            spool += h * (before(command) - spool) / 0.08
-    y = np.array(y) + 0.05 * rng.standard_normal(u.size)
+    y = slowly(u, **what) + 0.05 * rng.standard_normal(u.size)
     return DiscrepancyRegressor(make(lag=0.07, gain=5.4, damping=2.2), random_state=0).fit(u, y)
 
 
@@ -169,3 +222,19 @@ def test_what_acts_before_it_is_named_there():
     finding = dx.findings_[0]
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", "dead_zone", "input:0")
     assert finding.parameters["d"] == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.long
+def test_a_limit_of_how_fast_it_follows_is_named_in_its_equation():
+    dx = diagnosed(follows=lambda v: min(max(v, -12.0), 12.0))
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "rate_limit", "state:0")
+    assert finding.parameters["r"] == pytest.approx(12.0, rel=0.05)
+
+
+@pytest.mark.long
+def test_a_play_is_named_behind_it():
+    dx = diagnosed(behind=play_of(0.3))
+    finding = dx.findings_[0]
+    assert (finding.effect, finding.port) == ("backlash", "state:0")
+    assert finding.parameters["b"] == pytest.approx(0.3, rel=0.05)

@@ -540,7 +540,7 @@ def parameter_names(placed: PlacedEffect) -> list[str]:
 
 def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     """Return the units of the effect's parameters, with the port's and the argument's units put in."""
-    port = correction_unit(placed, simulator)
+    port = placed.argument_unit if placed.is_how_it_follows else correction_unit(placed, simulator)
     second = placed.second_unit or "-" if placed.second else port
     argument = second if placed.is_fed else placed.argument_unit or "-"
     fill = {"port": port, "arg": argument, "second": second}

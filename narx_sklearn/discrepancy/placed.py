@@ -190,7 +190,10 @@ class PlacedEffect:
         choice = () if self.effect.choice is None else (self.effect.choice,)
         for k in (*choice, *self.effect.chosen) if self.theta else ():
             limits[k] = (self.theta[k],) * 2
-        if self.port.kind == "input":
+        if self.is_how_it_follows:
+            for k in {self.effect.begin, *choice} - {None}:
+                limits[k] = (0.0, 0.0)
+        if self.port.kind == "input" or self.handed_on:
             given = [p.at_input for p in self.effect.parameters]
             limits = [
                 limit if value is None else (value, value) for limit, value in zip(limits, given, strict=True)
@@ -208,7 +211,14 @@ class PlacedEffect:
     @property
     def force(self):
         """Function of the force at a state port, or of what is added to a state that is handed on."""
-        return self.effect.handed_on or self.effect.force if self.handed_on else self.effect.force
+        if self.handed_on:
+            return self.effect.handed_on or self.effect.force
+        return self.effect.force or self.effect.following
+
+    @property
+    def is_how_it_follows(self) -> bool:
+        """Whether it is in the equation of a state that follows an input: how that does."""
+        return self.port.kind == "state" and not self.handed_on and self.effect.force is None
 
     @property
     def reacts(self) -> bool:
@@ -257,9 +267,9 @@ class PlacedEffect:
     @property
     def n_values(self) -> int:
         """Number of parameters fitted or chosen, but for where its memory begins and how it is built."""
-        besides = {self.effect.begin, self.effect.form} - {None}
-        fitted = int(np.sum(np.ptp(self.bounds, axis=1) > 0))
-        return fitted - len(besides) + (len(self.effect.chosen) if self.theta else 0)
+        fitted = set(np.flatnonzero(np.ptp(self.bounds, axis=1) > 0).tolist())
+        besides = {self.effect.begin, self.effect.form}
+        return len(fitted - besides) + (len(self.effect.chosen) if self.theta else 0)
 
     def second_of(self, u: np.ndarray, x: np.ndarray | None = None) -> np.ndarray | None:
         """Return the second argument along a record, (n_samples,); None for none."""

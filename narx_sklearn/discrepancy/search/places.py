@@ -52,6 +52,9 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 places += _on_the_move(effect, i, simulator, structure)
     if effect.handed_on is not None:
         places += [handed_on(effect, i, simulator) for i in structure.handed_on]
+    if effect.following is not None:
+        followers = np.flatnonzero(structure.follows).tolist()
+        places += [replace(handed_on(effect, i, simulator), handed_on=False) for i in followers]
     return [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places

@@ -236,6 +236,7 @@ CLEARANCE = (
         starts=_backlash_starts,
         force=_backlash,
         transform=_backlash_transform,
+        handed_on=_backlash,
         output_port=False,
         argument="any",
         n_memory=N_GAPS + 1,

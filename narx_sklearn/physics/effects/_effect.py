@@ -110,7 +110,10 @@ class Effect:
         straight line closest to it rises.
     handed_on : callable, optional
         For a state that only follows an input, as all other equations have it: like ``force``, what is added
-        to it there, of its present value alone; compiled by numba.
+        to it there; compiled by numba.
+    following : callable, optional
+        For the equation of such a state itself, like ``force``: how it follows. Where a memory begins and how
+        the effect is built have no meaning there.
     factor : callable, optional
         For a parameter of the simulator: ``factor(second, theta) -> float``, by which it is multiplied
         wherever it stands in the equations and outputs; compiled by numba.
@@ -239,6 +242,7 @@ class Effect:
     held: Any = None
     curved: Any = None
     handed_on: Any = None
+    following: Any = None
     factor: Any = None
     input_port: bool = True
     output_port: bool = True

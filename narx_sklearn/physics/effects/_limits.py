@@ -157,6 +157,11 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
+def _rate_limit_following(argument, rate, own, second, time, step, z, theta, dz):
+    return min(max(own, -theta[0]), theta[0]) - own
+
+
+@kernel
 def _overflow(argument, rate, own, second, time, step, z, theta, dz):
     """Take away what one step would lift above the limit, and never more than flows in."""
     return -min(max((argument - theta[0]) / step + own, 0.0), max(own, 0.0))
@@ -229,6 +234,7 @@ LIMITS = (
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
         held=_rate_limit_held,
+        following=_rate_limit_following,
         output_port=False,
         amplitude=None,
         lookalikes=("lag", "delay", "input_saturation"),

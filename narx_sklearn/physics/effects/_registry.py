@@ -265,7 +265,7 @@ def _check_trial(effect: Effect) -> None:
                 "least and the largest value of each parameter."
             )
     theta = starts[0]
-    for name in ("force", "handed_on"):
+    for name in ("force", "handed_on", "following"):
         if getattr(effect, name) is not None:
             _try_force(effect, name, theta)
     if effect.transform is not None:
