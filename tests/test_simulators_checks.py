@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.in_words import alike_ratios, named_zero
+from narx_sklearn.discrepancy.records.mistakes import _unsigned, make_case
 from narx_sklearn.discrepancy.records.standing import not_told_by, still_standing, to_be_mended
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -247,6 +248,17 @@ class TestFoldedReadings:
         given, true = (lfilter([gain], [1, -pole], u) for gain, pole in ((0.4, 0.8), (0.37, 0.83)))
         y = np.abs(true) + 0.01 * rng.normal(size=u.size)
         assert codes(u[:, None], y, simulator=TraceSimulator(given, u, dt=0.1)) == ["unsigned"]
+
+    def test_what_is_simulated_with_one_sign_has_none_to_lose(self):
+        """However badly a twin follows it, which may go below zero where the simulation does not."""
+        rng = np.random.default_rng(0)
+        u = np.abs(np.repeat(rng.uniform(-1.0, 1.0, 60), 20))[:, None]
+        given = lfilter([0.1], [1, -0.9], u[:, 0])
+        y = (given + 0.05 * rng.normal(size=given.size))[:, None]
+        trace = TraceSimulator(given, u, dt=0.1)
+        assert list(_unsigned(make_case(trace, u, y, [slice(0, u.size)]))) == []
+        turned = make_case(TraceSimulator(given - given.mean(), u, dt=0.1), u, y, [slice(0, u.size)])
+        assert [mistake.code for mistake in _unsigned(turned)] == ["unsigned"]
 
     def test_what_is_never_below_zero_has_a_sign_nevertheless(self):
         def tank(x, u, p):

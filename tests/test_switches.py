@@ -226,3 +226,33 @@ def test_what_is_missing_beside_its_own_friction_is_named_alone():
     dx = diagnosed(cubic=800.0)
     assert [finding.effect for finding in dx.findings_] == ["cubic_stiffness"]
     assert dx.scores_["nrmse"]["augmented"] < 0.011
+
+
+def test_a_root_that_turns_over_far_outside_is_no_switch():
+    """An orifice whose flow depends on the pressure left: at states of 1e9 Pa it looks like a steep tanh."""
+
+    def hydraulic(x, u, p):
+        speed, pressure, spool = x[0], x[1], x[2]
+        flow = p[0] * spool * np.sqrt(np.abs(1.0 - np.tanh(spool / 0.002) * pressure / 1.6e7))
+        return (
+            (6.9e-6 * pressure - 0.11 * speed) / 0.105,
+            (flow - 6.9e-6 * speed - 4e-12 * pressure) / 1.1e-13,
+            (u[0] - spool) / 0.022,
+        )
+
+    def of(substeps):
+        return ODESimulator(
+            hydraulic,
+            dt=0.004,
+            parameters={"flow [m3/s]": 6.1e-4},
+            states=["speed [rad/s]", "pressure [Pa]", "spool [-]"],
+            inputs=["valve [-]"],
+            output=[0, 1],
+            substeps=substeps,
+        )
+
+    assert len(of(1).switches.weights) == 0
+    u = np.repeat(np.random.default_rng(0).uniform(-0.2, 0.2, 20), 25)
+    found, told = of(1).simulate(u), of(20).simulate(u)
+    assert np.std(told[:, 1]) > 1e5  # Pa; it stood still where a switch was seen
+    assert np.all(np.abs(found - told).max(axis=0) < 0.01 * np.std(told, axis=0))

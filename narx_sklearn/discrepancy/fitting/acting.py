@@ -198,11 +198,12 @@ def added_in_words(unit: str, name: str) -> str:
     Examples
     --------
     >>> from narx_sklearn.discrepancy.fitting.acting import added_in_words
-    >>> added_in_words("m/s", "added to velocity"), added_in_words("", "added to ratio")
+    >>> added_in_words("m/s", "added to velocity"), added_in_words("-", "added to ratio")
     ('m/s added to velocity', 'added to ratio')
     >>> added_in_words("%", "added to level"), added_in_words("%/s", "added to the rate of level")
     ('percentage points added to level', 'percentage points/s added to the rate of level')
     """
+    unit = "" if unit == "-" else unit
     plain = f"percentage points{unit[1:]}" if unit == "%" or unit.startswith("%/") else unit
     return f"{plain} {name}".lstrip()
 

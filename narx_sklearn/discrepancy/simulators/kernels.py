@@ -109,7 +109,7 @@ def _settle(equation, x, u, p, switch, distance, width, h, raw, rates, sides):
     for i in range(n):
         limit += switch[i] * 0.5 * (under[i] - over[i])
         load += switch[i] * (rates[i] + 0.5 * (under[i] + over[i]) - raw[i])
-    if not limit > 0.0:
+    if not h * limit > width:  # nowhere so steep that a step could not follow
         return
     held = load
     if abs(load) > limit:

@@ -8,6 +8,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 ALIKE = 1e-9  # of an output's terms, which a sum that is one leaves to rounding
 CERTAIN = 1e-6  # of a state, that outputs may leave open
+BALANCED = 8  # times, each by the root of what is out of balance
 OTHER = 1.01  # times a parameter, with which an output may be another one
 ASKEW = 0.7548776662466927  # steps on, each another share of one: no two states move together
 
@@ -64,12 +65,17 @@ def states_read(simulator: Simulator, u: np.ndarray, y: np.ndarray) -> np.ndarra
 
 
 def _solved(slopes: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return what sums of states, (n, n_outputs), tell of them, (n, n_states); NaN where one is missing."""
+    """Return what sums of states, (n, n_outputs), tell of them, (n, n_states); NaN where one is missing.
+
+    Units may differ by any factor, so rows and columns are balanced first (Ruiz 2001, RAL-TR-2001-034).
+    """
     lengths = np.abs(slopes).max(axis=0)  # of each sum, and then of each state in them
-    row = lengths.max(axis=1, keepdims=True)
-    row[row == 0] = 1.0
-    column = (lengths / row).max(axis=0)
-    column[column == 0] = 1.0
+    row, column = np.ones((slopes.shape[1], 1)), np.ones(slopes.shape[2])
+    for _ in range(BALANCED):
+        left = np.sqrt(lengths / row / column)
+        of_row, of_column = left.max(axis=1, keepdims=True), left.max(axis=0)
+        row *= np.where(of_row > 0, of_row, 1.0)
+        column *= np.where(of_column > 0, of_column, 1.0)
     inverse = np.linalg.pinv(slopes / row / column, rcond=CERTAIN)
     certain = np.einsum("nji,nij->nj", inverse, slopes / row / column) > 1.0 - CERTAIN
     needed = np.abs(inverse) > CERTAIN

@@ -65,7 +65,7 @@ def find_switches(rates: Callable, n_inputs: int, units: list[str], step: float)
     n = len(units)
     rng = np.random.default_rng(0)
     points = [
-        (scale * rng.standard_normal(n), rng.standard_normal(n_inputs))
+        (scale * rng.standard_normal(n), rng.standard_normal(n_inputs), scale)
         for scale in SCALES
         for _ in range(POINTS)
     ]
@@ -76,10 +76,11 @@ def find_switches(rates: Callable, n_inputs: int, units: list[str], step: float)
         """Return the largest authority of a switch at ``row @ x = 0`` and its width, if points show one."""
         aside = row / (row @ row)
         found = []
-        for x, u in points:
+        for x, u, scale in points:
             at = x - (row @ x) * aside
             jump = _jump(lambda by, at=at, u=u: row @ rates(at + by * aside, u), step)
-            if jump is not None and is_apart(at, jump[0] * step):
+            # a side that is reached only beyond all states of a scale, as where a root turns over, is none
+            if jump is not None and jump[1] < scale and is_apart(at, jump[0] * step):
                 found.append(jump)
         return max(found) if len(found) >= AT_LEAST else None
 
@@ -90,7 +91,7 @@ def find_switches(rates: Callable, n_inputs: int, units: list[str], step: float)
         return abs(at[i]) > APART * change
 
     # what switches with a difference does so with each of the two, where all of their unit are zero
-    at_rest = [[(np.where(alike[i], 0.0, x), u) for x, u in points] for i in range(n)]
+    at_rest = [[(np.where(alike[i], 0.0, x), u, scale) for x, u, scale in points] for i in range(n)]
     moving = [i for i in range(n) if seen(single[i], at_rest[i]) is not None]
     rows = [(single[i], partial(apart_from_others, i=i)) for i in moving]
     for i, j in combinations(moving, 2):
