@@ -22,7 +22,7 @@ DISTINCT = 0.7  # share of distinct values among changing samples from which a s
 def counted(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces: list[slice]) -> list[DataFinding]:
     """Return what samples tell that are too few, constant, repeated, clipped, held, or jump."""
     return [
-        *_short_record(simulator, u, y, pieces),
+        *_short_record(simulator, u, pieces),
         *_constant_inputs(simulator, u),
         *_duplicated_samples(u, y, pieces),
         *_clipped_outputs(simulator, u, y, pieces),
@@ -31,18 +31,15 @@ def counted(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces: list[sli
     ]
 
 
-def _short_record(simulator: Simulator, u, y, pieces):
+def _short_record(simulator: Simulator, u, pieces):
     """Yield a finding if no session holds a window."""
     longest = max((piece.stop - piece.start for piece in pieces), default=0)
     wanted = fewest(simulator)
     constant = 0.0
     if longest:
         piece = max(pieces, key=lambda p: p.stop - p.start)
-        x0 = simulator.told_states(u, y, np.array([piece.start]))
-        run = simulator.run(u, Windows.whole([piece]), x0)
-        constant = (
-            find_pace(simulator, run.x[piece], u[piece]).time_constant if len(simulator.states) else 0.0
-        )
+        if len(simulator.states):
+            constant = find_pace(simulator, _motion_from_rest(simulator, u, piece), u[piece]).time_constant
         wanted = max(wanted, int(np.ceil(TIME_CONSTANTS * constant / simulator.dt)))
     if longest < wanted:
         yield DataFinding(
@@ -52,6 +49,14 @@ def _short_record(simulator: Simulator, u, y, pieces):
             f"want {wanted}: what is slow is told vaguely. A longer session tells it better.",
             {"samples": longest, "wanted": wanted, "time_constant": constant},
         )
+
+
+def _motion_from_rest(simulator: Simulator, u, piece: slice) -> np.ndarray:
+    """Return the states of a run from rest; without its loop an unstable machine would soon be elsewhere."""
+    first = np.array([piece.start])
+    known = simulator.known_states(u, np.zeros((u.shape[0], len(simulator.outputs))), first)
+    at_rest = np.where(simulator.free_states, simulator.x0, np.nan_to_num(known))
+    return simulator.run(u, Windows.whole([piece]), at_rest).x[piece]
 
 
 def _n_numbers(simulator: Simulator) -> int:
