@@ -71,7 +71,9 @@ def state_forces(
             )
             values[e, at] = values[e, at] if acts[e][at] else 0.0
             if placed.handed_on:
-                slope += _handed_on(simulator, x, now, port, values[e, at]) - nominal
+                change_elsewhere = _moved(simulator, x, now, port, values[e, at]) - nominal
+                change_elsewhere[port] = 0.0  # its own equation has it as it is
+                slope += change_elsewhere
             elif placed.through >= 0:
                 slope += _beside(simulator, x, now, placed.through, values[e, at]) - nominal
             else:
@@ -88,13 +90,11 @@ def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, fo
     return evaluate(simulator, x, moved)[0]
 
 
-def _handed_on(simulator: Simulator, x: np.ndarray, u: np.ndarray, state: int, added: float) -> np.ndarray:
-    """Return the rates (n_states,) with something added to a state as all equations but its own have it."""
+def _moved(simulator: Simulator, x: np.ndarray, u: np.ndarray, state: int, added: float) -> np.ndarray:
+    """Return the rates (n_states,) with something added to a state."""
     moved = np.array(x, dtype=float)
     moved[state] += added
-    rates = evaluate(simulator, moved, u)[0]
-    rates[state] = evaluate(simulator, x, u)[0][state]
-    return rates
+    return evaluate(simulator, moved, u)[0]
 
 
 def acts_along(placed: PlacedEffect, windows: Windows, rows: np.ndarray, dt: float) -> np.ndarray:

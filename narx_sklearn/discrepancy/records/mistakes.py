@@ -299,9 +299,12 @@ def _unsigned(case: Case):
     What the simulator as it stands shows with one sign alone, a level, has none to lose.
     """
     simulator, whole = case.simulator, _whole(case.windows)
+    with_one_sign = [j for j, values in enumerate(case.y.T) if _has_one_sign(values)]
+    if not with_one_sign:
+        return
     as_it_stands = simulator.run(case.u, whole, simulator.told_states(case.u, case.y, whole.first)).y
-    for j in range(case.y.shape[1]):
-        if _has_one_sign(case.y[:, j]) and not _has_one_sign(as_it_stands[:, j]):
+    for j in with_one_sign:
+        if not _has_one_sign(as_it_stands[:, j]):
             simulator = case.simulator.with_effects((*case.simulator.effects, unsigned_at(j)))
             yield Mistake("unsigned", {"output": j}, replace(case, simulator=simulator))
 

@@ -89,7 +89,9 @@ def coloured_search(
     problem = problem.with_noise(estimate_noise(residual, problem.seen))
     refitted = fit(problem, refitted.model, n_jobs=settings.n_jobs)
     settings.tell("search for missing physics")
-    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, dominated, known))
+    found = Searched(
+        problem, refitted, steps_beside(problem, refitted, structure, settings, dominated, known)
+    )
     if valleys and found.pool and found.p_value <= settings.alpha:
         led = _led_farther(problem, refitted, found.pool[0])
         if led is not None:
@@ -112,7 +114,7 @@ def _beside_its_course(found: Searched, structure: Structure, settings: Settings
     if with_one_course(problem, best, pool, refitted.cost, settings.alpha, settings.n_jobs) is best:
         return found
     known = sorted((c for c in pool if len(c.effects) <= 2), key=lambda c: c.criterion)
-    return found._replace(steps=_steps(problem, refitted, structure, settings, True, known))
+    return found._replace(steps=steps_beside(problem, refitted, structure, settings, True, known))
 
 
 def _led_farther(problem: Problem, refitted: Fit, best: Candidate) -> Fit | None:
@@ -152,7 +154,7 @@ def _under_clearer_noise(before: Searched, structure: Structure, settings: Setti
     known = [c for c in pool if len(c.effects) <= 2]
     problem = problem.with_noise(noise)
     refitted = fit(problem, before.refitted.model, n_jobs=settings.n_jobs)
-    found = Searched(problem, refitted, _steps(problem, refitted, structure, settings, True, known))
+    found = Searched(problem, refitted, steps_beside(problem, refitted, structure, settings, True, known))
     if found.p_value > settings.alpha:
         return None
     if len(best.effects) > 1:
@@ -198,14 +200,16 @@ def kept_near(problem: Problem) -> Problem:
     return replace(problem, simulator=simulator.with_bounds(bounds))
 
 
-def _steps(
+def steps_beside(
     problem: Problem,
     refitted: Fit,
     structure: Structure,
     settings: Settings,
-    dominated: bool,
-    known: list[Candidate],
+    dominated: bool = False,
+    known: Sequence[Candidate] = (),
 ) -> list[Step]:
+    """Return a search for all that may be missing beside a fitted model."""
+
     def make_hypotheses(found: Fit) -> list[Hypothesis]:
         return hypotheses_of(problem, found, structure, settings)
 

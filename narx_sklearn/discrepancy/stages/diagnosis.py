@@ -15,8 +15,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
 from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
-from narx_sklearn.discrepancy.search.explain import Step, search
-from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
+from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.search.members import by_weight
@@ -35,7 +34,7 @@ from narx_sklearn.discrepancy.stages.beginning import (
     states_at,
 )
 from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search, hypotheses_of
+from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search, steps_beside
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.plain import (
@@ -475,11 +474,7 @@ def _searched_as_heard(
     A ripple that is no line in time, under noise with a memory, is little of all that is searched for.
     """
     problem, refitted, _ = searched
-
-    def make_hypotheses(found: Fit) -> list[Hypothesis]:
-        return hypotheses_of(problem, found, structure, settings)
-
-    steps = search(problem, refitted, make_hypotheses, replace(settings, alpha=SUSPECT))
+    steps = steps_beside(problem, refitted, structure, replace(settings, alpha=SUSPECT))
     heard = steps[0].detection._replace(p_value=p_value)
     return Searched(problem, refitted, [steps[0]._replace(detection=heard), *steps[1:]])
 

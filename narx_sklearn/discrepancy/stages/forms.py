@@ -33,8 +33,8 @@ def own_forms(
         if sum(along(effect, other) for other in best.effects) > 1:
             continue
         for curve in curves:
-            ways = (effect.through, effect.handed_on), (curve.placed.through, curve.placed.handed_on)
-            at_its_place = along(effect, curve.placed) and ways[0] == ways[1]
+            one_way = effect.through == curve.placed.through and effect.handed_on == curve.placed.handed_on
+            at_its_place = along(effect, curve.placed) and one_way
             if at_its_place and _is_form(problem, best, effect, curve, n_jobs):
                 found.append(curve)
         damped = damped_beyond(effect)
