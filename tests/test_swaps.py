@@ -155,7 +155,7 @@ def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(prob
     pool[0] = Candidate(favoured, working.n_seen)
     refitted = fit(working, drag.fit.model._replace(effects=()))
     step = Step(NONE_SILENT, make_bank(working, refitted, []), pool)
-    monkeypatch.setattr(coloured_search, "_steps", lambda *_: [step])
+    monkeypatch.setattr(coloured_search, "steps_beside", lambda *_: [step])
     settings = SimpleNamespace(alpha=0.01, n_jobs=None, tell=lambda stage: None)
     before = coloured_search.Searched(working, refitted, [step])
     again = coloured_search._under_clearer_noise(before, None, settings).problem
