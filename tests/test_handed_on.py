@@ -1,7 +1,5 @@
 """What acts behind an actuator's own lag: between a spool and what flows, a motor and what it turns."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +10,7 @@ from narx_sklearn.discrepancy.as_narx import effect_regressors
 from narx_sklearn.discrepancy.findings import parameter_units
 from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.search.places import handed_on
+from narx_sklearn.discrepancy.search.places import placements
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, register_effect
@@ -64,6 +62,12 @@ def structure_of(simulator):
     u = np.random.default_rng(0).normal(size=(200, len(simulator.inputs)))
     x = simulator.run(u, Windows.whole([slice(0, 200)]), np.zeros((1, len(simulator.states)))).x
     return find_structure(simulator, x, u)
+
+
+def behind(code, simulator):
+    """Return an effect at the one place behind an actuator that a simulator has."""
+    (placed,) = (p for p in placements(CATALOGUE[code], simulator, structure_of(simulator)) if p.handed_on)
+    return placed
 
 
 def test_which_states_follow_an_input_and_drive_others():
@@ -119,7 +123,7 @@ def test_against_equations_that_have_it():
         return (u[0] - spool) / p[0], p[1] * passed * (1.0 - 0.1 * speed) - p[2] * speed
 
     u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
-    placed = handed_on(CATALOGUE["dead_zone"], 0, make()).at([d, c, 0.0])
+    placed = behind("dead_zone", make()).at([d, c, 0.0])
     with_effect, written = make().with_effects([placed]), make(overlapped)
     np.testing.assert_allclose(with_effect.simulate(u), written.simulate(u), atol=1e-12)
     whole = Windows.whole([slice(0, u.size)])
@@ -134,7 +138,7 @@ def test_against_equations_that_have_it():
 
 def test_a_play_behind_it_is_that_of_the_state():
     u = np.repeat(np.random.default_rng(3).uniform(-2, 2, 30), 20)
-    play = handed_on(CATALOGUE["backlash"], 0, make())
+    play = behind("backlash", make())
     assert play.at([1.0, 0.3, 0.0, 0.0]).bounds[0].tolist() == [1.0, 1.0]  # all of the motion is lost
     whole, none = Windows.whole([slice(0, u.size)]), np.zeros((1, 2))
     fine = make().run(u[:, None], whole, none)
@@ -151,9 +155,8 @@ def test_how_fast_it_follows_may_be_limited():
         return min(max((u[0] - spool) / p[0], -5.0), 5.0), p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
 
     u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
-    of = handed_on(CATALOGUE["rate_limit"], 0, make())
-    placed = replace(of, handed_on=False).at([5.0, 0.0, 0.0])
-    assert placed.is_how_it_follows
+    limits = placements(CATALOGUE["rate_limit"], make(), structure_of(make()))
+    (placed,) = (p.at([5.0, 0.0, 0.0]) for p in limits if p.is_how_it_follows)
     assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0]]
     assert placed.n_values == 1
     with_effect = make().with_effects([placed])

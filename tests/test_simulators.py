@@ -427,12 +427,20 @@ def test_an_error_names_no_more_than_a_few_of_many_arguments():
         ODESimulator(lambda x, u, p: x["x0"], **many)
 
 
+def test_units_may_be_given_by_name():
+    named = {"states": {"h": "m"}, "inputs": {"u": ""}, "outputs": {"h": "m"}}
+    simulator = ODESimulator(tank, **TANK | named)
+    assert simulator.states == simulator.outputs
+    assert [(s.name, s.unit) for s in (*simulator.states, *simulator.inputs)] == [("h", "m"), ("u", "")]
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
         ({"dt": "0.1"}, TypeError, "dt is the sampling period in seconds, a number; got '0.1'"),
         ({"dt": -1.0}, ValueError, "must be positive"),
         ({"states": "h"}, TypeError, "states must be a list of names"),
+        ({"states": {"h": 1.0}}, TypeError, "states must be units by name"),
         ({"states": ["h", "h [m]"]}, ValueError, r"states names \['h'\] twice"),
         ({"inputs": ["u", "u"]}, ValueError, r"inputs names \['u'\] twice"),
         ({"parameters": {"a": 1, "a [m]": 2}}, ValueError, r"parameters names \['a'\] twice"),

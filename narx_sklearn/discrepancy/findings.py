@@ -557,6 +557,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
         return f"beside the input {simulator.inputs[placed.through].name}"
     if placed.handed_on:
         name = simulator.states[placed.port.index].name
+        if placed.is_fed:
+            return f"behind {name} and its rate, as the other equations have their sum"
         return f"behind {name}, as the other equations have it"
     if placed.reacts and placed.theta and not placed.theta[-1]:
         return words  # the neighbour does not feel it
@@ -572,9 +574,9 @@ def argument_told(placed: PlacedEffect) -> str:
     is_rate = placed.effect.argument == "own" and not is_unnamed(placed)
     letters = "sx" if placed.port.kind != "state" else "vxs" if is_rate else "xs"
     told = []
-    if not placed.is_fed:
+    if not placed.is_fed or placed.handed_on:
         told.append(_letter(placed.effect.equation, letters, placed.argument_name, placed.argument_unit))
-    if placed.second:
+    if placed.second and not placed.handed_on:
         told.append(_letter(placed.effect.equation, SECOND_LETTERS, placed.second_name, placed.second_unit))
     return ", ".join(filter(None, told))
 

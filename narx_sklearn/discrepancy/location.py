@@ -220,7 +220,7 @@ def _stated(diagnosis: Diagnosis, index: int, added: np.ndarray, table: pd.DataF
     acts_in, (kind, at) = placed.effect.acts_in, placed.port
     if kind == "state":
         weights = np.array(placed.weights)
-        if np.count_nonzero(weights) != 1 or weights.max() != 1.0:
+        if placed.is_fed or np.count_nonzero(weights) != 1 or weights.max() != 1.0:
             return None
         at = int(np.argmax(weights))
     feature = str(simulator.signals_at(kind)[at])

@@ -95,8 +95,9 @@ class PlacedEffect:
         Input that it is added to: what it does the simulator's own equations tell, as of a force on one of
         several bodies that move together; -1 for none, and it is added to its port.
     handed_on : bool
-        Whether it changes what all other equations have of the port's state, which follows an input, and not
-        that state's own equation.
+        Whether it changes what all other equations have of the port's state, and not that state's own
+        equation. The state follows an input; or it is a controller's integral, and what the effect depends on
+        the ``second``, the controller's output.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.
@@ -228,7 +229,7 @@ class PlacedEffect:
     @property
     def is_fed(self) -> bool:
         """Whether another signal stands in the argument's place."""
-        return self.effect.second == "feed" and bool(self.second)
+        return bool(self.second) and (self.effect.second == "feed" or self.handed_on)
 
     @property
     def answer(self) -> float:
@@ -270,6 +271,11 @@ class PlacedEffect:
         fitted = set(np.flatnonzero(np.ptp(self.bounds, axis=1) > 0).tolist())
         besides = {self.effect.begin, self.effect.form}
         return len(fitted - besides) + (len(self.effect.chosen) if self.theta else 0)
+
+    def argument_of(self, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return at a state port what the force depends on along a record, (n_samples,)."""
+        fed = self.second_of(u, x) if self.handed_on else None
+        return x @ np.array(self.weights) if fed is None else fed
 
     def second_of(self, u: np.ndarray, x: np.ndarray | None = None) -> np.ndarray | None:
         """Return the second argument along a record, (n_samples,); None for none."""

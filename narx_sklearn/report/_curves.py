@@ -78,7 +78,7 @@ def _curve(simulator, material: Material, index: int, windows: Windows, rows, th
         needed, sure = latent.w, latent.w_std[rows]
     if placed.port.kind == "state":
         argument, fitted = (values[acts[_thinned(rows)]] for values in force)
-        at = (run.x + latent.dx)[rows] @ np.array(placed.weights)
+        at = placed.argument_of(material.u[rows], (run.x + latent.dx)[rows])
         needed, sure = needed / placed.added(simulator.dt), sure / placed.added(simulator.dt)
     else:
         signal = placed.port.signals(material.u, run.y, material.p)

@@ -44,7 +44,7 @@ def state_forces(
             weights, port = np.array(placed.weights), placed.port.index
             second = placed.second_of(now[None], x[None])
             driving = np.nan if second is None else second[0]
-            arguments[e, at], rate = weights @ x, weights @ change
+            arguments[e, at], rate = placed.argument_of(now[None], x[None])[0], weights @ change
             own = slope[port] - (x[port] if simulator.discrete else 0.0)
             step = _step(placed, simulator)
             gain = 0.0 if placed.inertial else placed.answer

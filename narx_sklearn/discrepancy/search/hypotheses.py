@@ -192,7 +192,7 @@ class _Material:
         if kind == "state":
             weights = np.array(placed.weights)
             own = self.rates[:, index] * (dt if self.simulator.discrete else 1.0)
-            argument, rate = self.x @ weights, self.rates @ weights
+            argument, rate = placed.argument_of(self.u, self.x), self.rates @ weights
             own = rate if placed.inertial else argument if placed.handed_on else own
             if placed.through >= 0:  # what is added to the input is counted in its unit
                 own = own / self.structure.gain[index, placed.through]

@@ -50,17 +50,19 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 places += [placed, *beside_inputs(placed, simulator, structure)]
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
-    if effect.handed_on is not None:
-        places += [handed_on(effect, i, simulator) for i in structure.handed_on]
     if effect.following is not None:
-        followers = np.flatnonzero(structure.follows).tolist()
-        places += [replace(handed_on(effect, i, simulator), handed_on=False) for i in followers]
-    return [
+        for i in np.flatnonzero(structure.follows).tolist():
+            places.append(placed_at(effect, Port("state", i), _alone(i, simulator)))
+    found = [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, simulator, structure)
     ]
+    if effect.handed_on is not None:
+        for port, argument, output in on_the_way(simulator, structure):
+            found.append(handed_on(placed_at(effect, port, argument), output))
+    return found
 
 
 def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
@@ -91,10 +93,31 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
     return at if back < 0 else replace(at, onward=back, share=ratio)
 
 
-def handed_on(effect: Effect, i: int, simulator: Simulator) -> PlacedEffect:
-    """Return an effect on what other equations have of a state that follows an input."""
-    argument = Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
-    return replace(placed_at(effect, Port("state", i), argument), handed_on=True)
+def on_the_way(
+    simulator: Simulator, structure: Structure
+) -> Iterator[tuple[Port, Argument, tuple[float, ...]]]:
+    """Yield what is on its way to other equations: states that follow an input, and what controllers put out.
+
+    That is the state, what acts there depends on, and the weights of inputs and states in a controller's
+    output, over the gain of its integral; empty for a state alone.
+    """
+    for i in structure.handed_on:
+        yield Port("state", i), _alone(i, simulator), ()
+    for integral, time, output in structure.controllers:
+        weights, name, unit, *_ = _alone(integral, simulator)
+        yield Port("state", integral), Argument(weights, f"{name} + {time:.4g} s x its rate", unit), output
+
+
+def handed_on(placed: PlacedEffect, output: tuple[float, ...] = ()) -> PlacedEffect:
+    """Return an effect at a state as one on what other equations have of it, or of a controller's output."""
+    if output:
+        name, unit = placed.argument_name, placed.argument_unit
+        placed = replace(placed, second=output, second_name=name, second_unit=unit)
+    return replace(placed, handed_on=True)
+
+
+def _alone(i: int, simulator: Simulator) -> Argument:
+    return Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
 
 
 def beside_inputs(placed: PlacedEffect, simulator: Simulator, structure: Structure) -> Iterator[PlacedEffect]:

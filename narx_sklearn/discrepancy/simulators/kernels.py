@@ -301,9 +301,10 @@ def _simulate_windows(
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
     `through` an input (else that is -1) is added to it, and the equations tell what it does; so is what is
-    added to a state, which counts after the inputs, as all equations but its own have it. Each acts in the
-    steps that start between its times `begins` and `ends`, counted from where the session began or, `along`
-    the record, from its first sample. The equations jump by about twice an `authority` where one of the
+    added to a state, which counts after the inputs, as all equations but its own have it (a second argument
+    is there what the force depends on, a controller's output). Each acts in the steps that start between its
+    times `begins` and `ends`, counted from where the session began or, `along` the record, from its first
+    sample. The equations jump by about twice an `authority` where one of the
     `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
@@ -425,6 +426,8 @@ def _simulate_windows(
                             own = slope[r, port[e]] - (stage[port[e]] if is_map else 0.0)
                             within = force_step
                             if special is not None:
+                                if through[e] >= now.size and not np.isnan(other):
+                                    argument = other
                                 if after[e]:
                                     within *= AT_ONCE
                                 if is_map and (memory[e] > 0 or inertial[e]):

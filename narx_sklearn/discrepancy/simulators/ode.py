@@ -39,9 +39,9 @@ class ODESimulator(Simulator):
     parameters : mapping of {str: float} or {str: (float, float, float)}
         Nominal values by name, with the unit in brackets; three numbers are value, lower and upper bound.
         A parameter without bounds keeps the sign of its nominal value when it is refitted.
-    states, inputs : sequence of str
-        Names with units in brackets, ``"position [m]"``.
-    outputs : sequence of str, optional
+    states, inputs : sequence of str or mapping of {str: str}
+        Names with units in brackets, ``"position [m]"``, or units by name, ``{"position": "m"}``.
+    outputs : sequence of str or mapping of {str: str}, optional
         Names of the measured outputs.
     output : sequence of int or callable, optional
         Indices of the states that are measured, or ``h(x, u, p)``. By default the states named as the
@@ -88,9 +88,9 @@ class ODESimulator(Simulator):
         *,
         dt: float,
         parameters: Mapping[str, Any],
-        states: Sequence[str],
-        inputs: Sequence[str],
-        outputs: Sequence[str] | None = None,
+        states: Sequence[str] | Mapping[str, str],
+        inputs: Sequence[str] | Mapping[str, str],
+        outputs: Sequence[str] | Mapping[str, str] | None = None,
         output: Sequence[int] | Callable | None = None,
         substeps: int = 1,
         hold: str = "zero",
@@ -307,8 +307,12 @@ def check_period(dt) -> float:
     return float(dt)
 
 
-def read_signals(labels: Sequence[str], name: str) -> tuple[Signal, ...]:
-    """Return labels such as ``"position [m]"`` as signals with different names."""
+def read_signals(labels: Sequence[str] | Mapping[str, str], name: str) -> tuple[Signal, ...]:
+    """Return labels such as ``"position [m]"``, or units by name, as signals with different names."""
+    if isinstance(labels, Mapping):
+        if not all(isinstance(unit, str) for unit in labels.values()):
+            raise TypeError(f"{name} must be units by name like {{'position': 'm'}}, got {labels!r}.")
+        labels = [f"{label} [{unit}]" if unit else label for label, unit in labels.items()]
     if isinstance(labels, str) or not all(isinstance(label, str) for label in labels):
         raise TypeError(f"{name} must be a list of names like ['position [m]'], got {labels!r}.")
     signals = tuple(Signal.parse(label) for label in labels)

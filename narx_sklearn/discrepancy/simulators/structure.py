@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.simulators.controllers import Controller, find_controllers
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
 from narx_sklearn.model.units import may_be_alike
@@ -30,6 +31,7 @@ class Structure(NamedTuple):
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
+    controllers: tuple[Controller, ...]  # whose equations are among the simulator's
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -137,12 +139,23 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    follows = np.zeros(n, dtype=bool)
+    follows, controllers = np.zeros(n, dtype=bool), ()
     if not simulator.discrete and points.size:
         alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
         follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
+        controllers = find_controllers(Jx, Ju, depends, driven)
     return Structure(
-        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, follows
+        tuple(partner),
+        kinematic,
+        depends,
+        slopes,
+        driven,
+        of_parameters,
+        gain,
+        varies,
+        read,
+        follows,
+        controllers,
     )
 
 

@@ -60,8 +60,8 @@ class CallableSimulator(TwinSimulator):
         Sampling period, s.
     parameters : mapping of {str: float} or {str: (float, float, float)}
         Nominal values by name, with the unit in brackets; three numbers are value, lower and upper bound.
-    inputs, outputs : sequence of str
-        Names with units in brackets.
+    inputs, outputs : sequence of str or mapping of {str: str}
+        Names with units in brackets, or units by name.
     regressor : NARXRegressor, default=None
         How to identify the twin; None tries a linear differential equation of first or second order, then
         one or two stores that drain by a power of their level, then NARX models of growing richness.
@@ -100,8 +100,8 @@ class CallableSimulator(TwinSimulator):
         simulate: Callable,
         dt: float,
         parameters: Mapping[str, Any],
-        inputs: Sequence[str],
-        outputs: Sequence[str],
+        inputs: Sequence[str] | Mapping[str, str],
+        outputs: Sequence[str] | Mapping[str, str],
         *,
         regressor=None,
     ):

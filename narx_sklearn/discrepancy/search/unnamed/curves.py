@@ -7,7 +7,15 @@ import numpy as np
 
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
-from narx_sklearn.discrepancy.search.places import Argument, arguments, beside_inputs, moving, weights_of
+from narx_sklearn.discrepancy.search.places import (
+    Argument,
+    arguments,
+    beside_inputs,
+    handed_on,
+    moving,
+    on_the_way,
+    weights_of,
+)
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
     KNOTS,
     ends_of,
@@ -40,12 +48,11 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 found.append(of_motion(port, argument, position, simulator.dt))
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
-    for i in structure.handed_on:
-        argument = Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
-        curve = curve_at(Port("state", i), argument, x[:, i])
+    of_all = np.column_stack([u, x])
+    for port, argument, output in on_the_way(simulator, structure):
+        curve = curve_at(port, argument, of_all @ np.array(output) if output else x[:, port.index])
         if curve is not None:
-            behind = replace(curve.placed, handed_on=True)
-            found.append(curve._replace(placed=behind))
+            found.append(curve._replace(placed=handed_on(curve.placed, output)))
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)

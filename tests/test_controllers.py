@@ -1,0 +1,198 @@
+"""Controllers among the equations: what they put out, and what acts on that."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.findings import argument_told, parameter_units, place_in_words
+from narx_sklearn.discrepancy.fitting.acting import state_forces
+from narx_sklearn.discrepancy.search.places import placements
+from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+DT = 0.01
+KP, KI = 0.8, 6.0
+NOMINAL = {"kt [N m/A]": 0.5, "damping [N m s]": 0.02, "inertia [kg m^2]": 0.012, "resistance [ohm]": 1.1}
+TRUE = (0.55, 0.025, 0.01, 1.3)
+
+
+def make(put_out=lambda v: v, parameters=NOMINAL):
+    """Return a motor whose voltage is that of a PI controller of its speed."""
+
+    def drive(x, u, p):
+        speed, current, integral = x[0], x[1], x[2]
+        voltage = put_out(KP * (u[0] - speed) + KI * integral)
+        torque = p[0] * current - p[1] * speed
+        return torque / p[2], (voltage - p[3] * current - p[0] * speed) / 0.02, u[0] - speed
+
+    return ODESimulator(
+        drive,
+        dt=DT,
+        parameters=parameters,
+        states=["speed [rad/s]", "current [A]", "integral [rad]"],
+        inputs=["reference [rad/s]"],
+        outputs=["speed [rad/s]"],
+        output=[0],
+    )
+
+
+def of(equations, n_states, n_inputs=1):
+    simulator = ODESimulator(
+        equations,
+        dt=DT,
+        parameters={"a": 2.0, "b": 3.0},
+        states=[f"x{i}" for i in range(n_states)],
+        inputs=[f"u{i}" for i in range(n_inputs)],
+        output=[0],
+        outputs=["y"],
+    )
+    return structure_of(simulator)
+
+
+def structure_of(simulator):
+    u = np.random.default_rng(0).normal(size=(100, len(simulator.inputs)))
+    x = simulator.run(u, Windows.whole([slice(0, 100)]), np.zeros((1, len(simulator.states)))).x
+    return find_structure(simulator, x, u)
+
+
+def behind(code, simulator):
+    found = placements(CATALOGUE[code], simulator, structure_of(simulator))
+    (placed,) = (p for p in found if p.handed_on)
+    return placed
+
+
+def test_what_a_controller_puts_out():
+    """Over the gain of its integral that is the integral and T = kp/ki times what is integrated."""
+    (found,) = structure_of(make()).controllers
+    assert found.integral == 2
+    assert found.time == pytest.approx(KP / KI)
+    assert found.output == pytest.approx((KP / KI, -KP / KI, 0.0, 1.0), abs=1e-6)
+
+
+def test_an_integral_in_the_unit_of_the_output():
+    def drive(x, u, p):
+        error = u[0] - x[0]
+        return p[0] * (p[1] * error + x[1]) - x[0], 5.0 * error
+
+    (found,) = of(drive, 2).controllers
+    assert found.output == pytest.approx((3.0, -3.0, 1.0), rel=1e-6)
+
+
+def test_the_inner_one_of_two_loops():
+    """The reference of the speed is what the loop of the position puts out."""
+
+    def axis(x, u, p):
+        error = 4.0 * (u[0] - x[0]) - x[1]
+        return x[1], p[0] * (2.0 * error + 5.0 * x[2]) - x[1] * abs(x[1]), error
+
+    (found,) = of(axis, 3).controllers
+    assert found.integral == 2
+    assert found.output == pytest.approx((1.6, -1.6, -0.4, 1.0), rel=1e-6)
+
+
+def tank_and_pipe(x, u, p):
+    """What flows in fills the tank, and is in no other equation."""
+    return p[0] * (u[0] - x[1]), p[1] * (x[0] - x[1])
+
+
+def lag_beside(x, u, p):
+    """A state that leaks is no integral."""
+    return p[0] * (u[0] - x[0] + x[1]), u[0] - x[0] - 0.1 * x[1]
+
+
+def wound(x, u, p):
+    """What is integrated goes with a product."""
+    return p[0] * (u[0] - x[0] + x[1]), (u[0] - x[0]) * x[0]
+
+
+def against(x, u, p):
+    """The reference enters with the other sign."""
+    return p[0] * (x[1] - u[0]) - x[0], u[0] - x[0]
+
+
+def test_a_spring_with_a_damper_that_a_base_pulls_at():
+    """How far the base is ahead, and how fast, comes in one sum too: the force between the two."""
+
+    def isolator(x, u, p):
+        return u[0] - x[1], 10.0 * p[0] * x[0] + p[1] * (u[0] - x[1])
+
+    (found,) = of(isolator, 2).controllers
+    assert found.output == pytest.approx((0.15, 1.0, -0.15), rel=1e-6)
+
+
+@pytest.mark.parametrize("equations", [tank_and_pipe, lag_beside, wound, against])
+def test_what_is_no_controller(equations):
+    assert of(equations, 2).controllers == ()
+
+
+def test_against_equations_that_have_it():
+    limit = 10.0
+    u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 20), 30)
+    placed = behind("input_saturation", make()).at([-limit / KI, limit / KI, 0.0])
+    limited = make().with_effects([placed])
+    written = make(lambda v: min(max(v, -limit), limit))
+    np.testing.assert_allclose(limited.simulate(u), written.simulate(u), rtol=1e-9, atol=1e-9)
+    whole = Windows.whole([slice(0, u.size)])
+    run = limited.run(u[:, None], whole, np.zeros((1, 3)))
+    rows = np.arange(0, u.size, 7)
+    argument, added = state_forces(limited, run, u[:, None], whole, rows)[0]
+    voltage = KP * (u[rows] - run.x[rows, 0]) + KI * run.x[rows, 2]
+    np.testing.assert_allclose(argument, voltage / KI, rtol=1e-6)
+    np.testing.assert_allclose(
+        added, np.clip(voltage, -limit, limit) / KI - voltage / KI, rtol=1e-6, atol=1e-6
+    )
+
+
+def test_it_is_told_in_the_unit_of_the_integral():
+    placed = behind("dead_zone", make()).at([0.2, 0.0, 0.0])
+    words = place_in_words(placed, make())
+    assert words == "behind integral and its rate, as the other equations have their sum"
+    assert argument_told(placed) == "s = integral + 0.1333 s x its rate [rad]"
+    assert parameter_units(placed, make()) == ["rad"] * 3
+
+
+def test_a_curve_is_tried_there_too():
+    u = np.random.default_rng(0).normal(size=(200, 1))
+    run = make().run(u, Windows.whole([slice(0, 200)]), np.zeros((1, 3)))
+    structure = find_structure(make(), run.x, u)
+    curves = curve_hypotheses(make(), structure, u, run.x, run.y)
+    (found,) = (h for h in curves if h.placed.handed_on)
+    assert found.placed.second == structure.controllers[0].output
+
+
+def diagnosed(put_out):
+    """Return the diagnosis of a motor by its speed; an independent twin in small steps of Euler's kind."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-40, 40, 60), 40)
+    speed = current = integral = 0.0
+    kt, damping, inertia, resistance = TRUE
+    y, h = [], DT / 50
+    for reference in u:
+        y.append(speed)
+        for _ in range(50):
+            voltage = put_out(KP * (reference - speed) + KI * integral)
+            torque = kt * current - damping * speed
+            current += h * (voltage - resistance * current - kt * speed) / 0.02
+            integral += h * (reference - speed)
+            speed += h * torque / inertia
+    y = np.array(y) + 0.3 * rng.standard_normal(u.size)
+    return DiscrepancyRegressor(make(), random_state=0).fit(u, y)
+
+
+@pytest.mark.parametrize(
+    ("effect", "put_out", "told"),
+    [
+        ("input_saturation", lambda v: min(max(v, -24.0), 24.0), {"low": -24.0 / KI, "high": 24.0 / KI}),
+        pytest.param(
+            "dead_zone", lambda v: v - min(max(v, -3.0), 3.0), {"d": 3.0 / KI}, marks=pytest.mark.long
+        ),
+    ],
+)
+def test_it_is_named_behind_the_controller(effect, put_out, told):
+    dx = diagnosed(put_out)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", effect, "state:2")
+    for name, value in told.items():
+        assert finding.parameters[name] == pytest.approx(value, rel=0.05)
