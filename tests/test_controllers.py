@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.findings import argument_told, parameter_units, place_in_words
+from narx_sklearn.discrepancy.findings import argument_told, parameter_names, parameter_units, place_in_words
 from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.search.places import placements
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
@@ -18,19 +18,21 @@ NOMINAL = {"kt [N m/A]": 0.5, "damping [N m s]": 0.02, "inertia [kg m^2]": 0.012
 TRUE = (0.55, 0.025, 0.01, 1.3)
 
 
-def make(put_out=lambda v: v, parameters=NOMINAL):
+def make(put_out=lambda v: v, tracking=0.0):
     """Return a motor whose voltage is that of a PI controller of its speed."""
 
     def drive(x, u, p):
         speed, current, integral = x[0], x[1], x[2]
-        voltage = put_out(KP * (u[0] - speed) + KI * integral)
+        asked = KP * (u[0] - speed) + KI * integral
+        voltage = put_out(asked)
         torque = p[0] * current - p[1] * speed
-        return torque / p[2], (voltage - p[3] * current - p[0] * speed) / 0.02, u[0] - speed
+        rate = u[0] - speed + tracking * (voltage - asked) / KI
+        return torque / p[2], (voltage - p[3] * current - p[0] * speed) / 0.02, rate
 
     return ODESimulator(
         drive,
         dt=DT,
-        parameters=parameters,
+        parameters=NOMINAL,
         states=["speed [rad/s]", "current [A]", "integral [rad]"],
         inputs=["reference [rad/s]"],
         outputs=["speed [rad/s]"],
@@ -57,10 +59,12 @@ def structure_of(simulator):
     return find_structure(simulator, x, u)
 
 
-def behind(code, simulator):
+def behind(code, simulator, tracks=False):
     found = placements(CATALOGUE[code], simulator, structure_of(simulator))
-    (placed,) = (p for p in found if p.handed_on)
-    return placed
+    alone, tracked = (p for p in found if p.handed_on)
+    assert tracked.tracks
+    assert not alone.tracks
+    return tracked if tracks else alone
 
 
 def test_what_a_controller_puts_out():
@@ -127,12 +131,14 @@ def test_what_is_no_controller(equations):
     assert of(equations, 2).controllers == ()
 
 
-def test_against_equations_that_have_it():
+@pytest.mark.parametrize("tracking", [0.0, 5.0])
+def test_against_equations_that_have_it(tracking):
     limit = 10.0
     u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 20), 30)
-    placed = behind("input_saturation", make()).at([-limit / KI, limit / KI, 0.0])
+    theta = [-limit / KI, limit / KI, 0.0, tracking]
+    placed = behind("input_saturation", make(), tracking > 0).at(theta[: 4 if tracking else 3])
     limited = make().with_effects([placed])
-    written = make(lambda v: min(max(v, -limit), limit))
+    written = make(lambda v: min(max(v, -limit), limit), tracking)
     np.testing.assert_allclose(limited.simulate(u), written.simulate(u), rtol=1e-9, atol=1e-9)
     whole = Windows.whole([slice(0, u.size)])
     run = limited.run(u[:, None], whole, np.zeros((1, 3)))
@@ -153,6 +159,15 @@ def test_it_is_told_in_the_unit_of_the_integral():
     assert parameter_units(placed, make()) == ["rad"] * 3
 
 
+def test_how_fast_the_integral_follows_is_told():
+    placed = behind("input_saturation", make(), tracks=True)
+    assert placed.share == pytest.approx(KI / KP)  # at first as fast as the error is made up for
+    placed = placed.at([-2.0, 2.0, 0.0, 5.0])
+    assert place_in_words(placed, make()).endswith("; integral follows what is left")
+    assert parameter_names(placed)[-1] == "tracking"
+    assert parameter_units(placed, make())[-1] == "1/s"
+
+
 def test_a_curve_is_tried_there_too():
     u = np.random.default_rng(0).normal(size=(200, 1))
     run = make().run(u, Windows.whole([slice(0, 200)]), np.zeros((1, 3)))
@@ -162,7 +177,7 @@ def test_a_curve_is_tried_there_too():
     assert found.placed.second == structure.controllers[0].output
 
 
-def diagnosed(put_out):
+def diagnosed(put_out, tracking=0.0):
     """Return the diagnosis of a motor by its speed; an independent twin in small steps of Euler's kind."""
     rng = np.random.default_rng(1)
     u = np.repeat(rng.uniform(-40, 40, 60), 40)
@@ -172,10 +187,11 @@ def diagnosed(put_out):
     for reference in u:
         y.append(speed)
         for _ in range(50):
-            voltage = put_out(KP * (reference - speed) + KI * integral)
+            asked = KP * (reference - speed) + KI * integral
+            voltage = put_out(asked)
             torque = kt * current - damping * speed
             current += h * (voltage - resistance * current - kt * speed) / 0.02
-            integral += h * (reference - speed)
+            integral += h * (reference - speed + tracking * (voltage - asked) / KI)
             speed += h * torque / inertia
     y = np.array(y) + 0.3 * rng.standard_normal(u.size)
     return DiscrepancyRegressor(make(), random_state=0).fit(u, y)
@@ -196,3 +212,12 @@ def test_it_is_named_behind_the_controller(effect, put_out, told):
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", effect, "state:2")
     for name, value in told.items():
         assert finding.parameters[name] == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.long
+def test_an_integral_that_does_not_wind_up_is_told_beside_the_limit():
+    dx = diagnosed(lambda v: min(max(v, -24.0), 24.0), tracking=5.0)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "input_saturation", "state:2")
+    assert finding.parameters["high"] == pytest.approx(24.0 / KI, rel=0.05)
+    assert finding.parameters["tracking"] == pytest.approx(5.0, rel=0.2)

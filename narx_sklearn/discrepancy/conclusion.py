@@ -22,7 +22,7 @@ from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis, diagnose
 from narx_sklearn.discrepancy.stages.temporary import are_foreseen, only_where_fitted
 from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
-from narx_sklearn.discrepancy.substeps import mind_steps
+from narx_sklearn.discrepancy.substeps import hold_as_findings, mind_steps
 from narx_sklearn.discrepancy.verify import (
     SURELY,
     HeldOut,
@@ -271,6 +271,7 @@ def _concluded(
         standing = not_told_by(standing, effects, concluded.diagnosis.problem.simulator)
     if concluded.is_unconfirmed and concluded.verdict == "explained":
         concluded = replace(concluded, verdict="ambiguous")
+    of_steps = [*of_steps, *hold_as_findings(diagnosis.problem.simulator)]
     told = *standing, *sessions_as_findings(diagnosis), *of_steps, *of_bounds
     return replace(concluded, of_record=told)
 

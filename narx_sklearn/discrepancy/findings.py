@@ -534,7 +534,7 @@ def build_in_words(placed: PlacedEffect, sure: np.ndarray) -> str:
 
 def parameter_names(placed: PlacedEffect) -> list[str]:
     """Return the names of the effect's parameters, the share that goes on included."""
-    last = "reaction_ratio" if placed.reacts else "share_onward"
+    last = "tracking" if placed.tracks else "reaction_ratio" if placed.reacts else "share_onward"
     return [p.name for p in placed.effect.parameters] + [last] * (placed.onward >= 0)
 
 
@@ -545,7 +545,7 @@ def parameter_units(placed: PlacedEffect, simulator: Simulator) -> list[str]:
     argument = second if placed.is_fed else placed.argument_unit or "-"
     fill = {"port": port, "arg": argument, "second": second}
     units = [tidy_unit(p.unit.format(**fill)) for p in placed.effect.parameters]
-    return units + ["-"] * (placed.onward >= 0)
+    return units + ["1/s" if placed.tracks else "-"] * (placed.onward >= 0)
 
 
 def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
@@ -558,7 +558,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     if placed.handed_on:
         name = simulator.states[placed.port.index].name
         if placed.is_fed:
-            return f"behind {name} and its rate, as the other equations have their sum"
+            follows = f"; {name} follows what is left" if placed.tracks else ""
+            return f"behind {name} and its rate, as the other equations have their sum{follows}"
         return f"behind {name}, as the other equations have it"
     if placed.reacts and placed.theta and not placed.theta[-1]:
         return words  # the neighbour does not feel it

@@ -81,10 +81,11 @@ class PlacedEffect:
         The second argument as a weighted sum of the inputs and then the states; empty for none. At an input
         port the inputs alone count.
     onward : int
-        State equation to which a share goes on, or that is pushed back; -1 for none.
+        State equation to which a share goes on, or that is pushed back; -1 for none. Its own where it is the
+        integral of a controller that follows what is put out, so that it does not wind up.
     theta : tuple of float
         Parameters of the effect, and last the share that goes on, or the ratio in which it pushes back, where
-        ``onward`` names an equation.
+        ``onward`` names an equation, or how fast an integral follows.
     argument_name, argument_unit : str
         How the argument is called and its unit.
     second_name, second_unit : str
@@ -200,7 +201,7 @@ class PlacedEffect:
                 limit if value is None else (value, value) for limit, value in zip(limits, given, strict=True)
             ]
         if self.onward >= 0:
-            limits.append((0.0, np.inf if self.reacts else 1.0))
+            limits.append((0.0, np.inf if self.reacts or self.tracks else 1.0))
         return np.array(limits, dtype=float).reshape(-1, 2)
 
     @property
@@ -224,7 +225,17 @@ class PlacedEffect:
     @property
     def reacts(self) -> bool:
         """Whether it acts between two neighbours, so that it pushes the other one back."""
-        return self.onward >= 0 and not self.effect.onward
+        return self.onward >= 0 and not (self.effect.onward or self.handed_on)
+
+    @property
+    def tracks(self) -> bool:
+        """Whether a controller's integral follows what is put out."""
+        return self.onward >= 0 and self.handed_on
+
+    @property
+    def taken_onward(self) -> float:
+        """How much of the force is taken off the equation to which it goes on."""
+        return -self.theta[-1] if self.tracks else self.theta[-1]
 
     @property
     def is_fed(self) -> bool:

@@ -1,4 +1,4 @@
-"""Whether a simulation's own steps are fine enough for it, and for what was found in it."""
+"""Whether a simulation's own steps are fine enough for it, and what its inputs do within them."""
 
 from copy import copy
 from dataclasses import replace
@@ -102,6 +102,21 @@ def coarse_steps(simulator: Simulator, coarse: Coarse) -> DataFinding:
         f"Pass substeps={finer} to the simulator and diagnose again.",
         {"output": signal.name, "error": coarse.error, "substeps": finer},
     )
+
+
+def hold_as_findings(simulator: Simulator) -> list[DataFinding]:
+    """Return a finding where the record, and not who wrote the simulator, tells what inputs do in a step."""
+    if simulator.hold_is_told or not simulator.linear_hold:
+        return []
+    return [
+        DataFinding(
+            "hold",
+            "Between samples the inputs go on in straight lines: held for each step, as where nobody tells, "
+            "they come half a sample late, and all that was found then leaves more. "
+            'Pass hold="linear" to the simulator; all else is told with it.',
+            {"hold": "linear"},
+        )
+    ]
 
 
 def _spread(signals: np.ndarray, counted: np.ndarray) -> np.ndarray:

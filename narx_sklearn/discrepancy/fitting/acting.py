@@ -79,7 +79,7 @@ def state_forces(
             else:
                 slope[port] += placed.added(simulator.dt) * values[e, at]
             if placed.onward >= 0:
-                slope[placed.onward] -= placed.theta[-1] * values[e, at]
+                slope[placed.onward] -= placed.taken_onward * values[e, at]
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
 
 

@@ -15,7 +15,7 @@ class DataFinding:
         ``"short_record"``, ``"constant_input"``, ``"duplicated_samples"``, ``"clipped_output"``, ``"jump"``,
         ``"held_output"``, ``"time_scale"``, ``"swapped"``, ``"delayed"``, ``"sign"``, ``"wrapped"``,
         ``"unsigned"``, ``"units"``, ``"quantised_output"``, ``"spikes"``, ``"coarse_steps"``, ``"rows"``,
-        ``"bounds"``, ``"dead_values"``, ``"sessions"``.
+        ``"bounds"``, ``"dead_values"``, ``"sessions"``, ``"hold"``.
     sentence : str
         What was seen, with the number, and what to do.
     evidence : mapping of {str: value}

@@ -197,7 +197,7 @@ class _Material:
             if placed.through >= 0:  # what is added to the input is counted in its unit
                 own = own / self.structure.gain[index, placed.through]
         else:
-            if placed.port.is_parameter:
+            if placed.port.is_parameter and second is not None:
                 argument = second
             else:
                 argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]

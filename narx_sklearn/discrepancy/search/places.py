@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulators.controllers import Controller
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
@@ -53,16 +54,19 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     if effect.following is not None:
         for i in np.flatnonzero(structure.follows).tolist():
             places.append(placed_at(effect, Port("state", i), _alone(i, simulator)))
-    found = [
+    all_of_it = [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, simulator, structure)
     ]
     if effect.handed_on is not None:
-        for port, argument, output in on_the_way(simulator, structure):
-            found.append(handed_on(placed_at(effect, port, argument), output))
-    return found
+        for port, argument, controller in on_the_way(simulator, structure):
+            behind = handed_on(placed_at(effect, port, argument), controller)
+            all_of_it.append(behind)
+            if controller is not None:
+                all_of_it.append(replace(behind, onward=port.index, share=1.0 / controller.time))
+    return all_of_it
 
 
 def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
@@ -95,25 +99,25 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
 
 def on_the_way(
     simulator: Simulator, structure: Structure
-) -> Iterator[tuple[Port, Argument, tuple[float, ...]]]:
+) -> Iterator[tuple[Port, Argument, Controller | None]]:
     """Yield what is on its way to other equations: states that follow an input, and what controllers put out.
 
-    That is the state, what acts there depends on, and the weights of inputs and states in a controller's
-    output, over the gain of its integral; empty for a state alone.
+    That is the state, what acts there depends on, and the controller of which the state is the integral.
     """
     for i in structure.handed_on:
-        yield Port("state", i), _alone(i, simulator), ()
-    for integral, time, output in structure.controllers:
-        weights, name, unit, *_ = _alone(integral, simulator)
-        yield Port("state", integral), Argument(weights, f"{name} + {time:.4g} s x its rate", unit), output
+        yield Port("state", i), _alone(i, simulator), None
+    for controller in structure.controllers:
+        weights, name, unit, *_ = _alone(controller.integral, simulator)
+        told = f"{name} + {controller.time:.4g} s x its rate"
+        yield Port("state", controller.integral), Argument(weights, told, unit), controller
 
 
-def handed_on(placed: PlacedEffect, output: tuple[float, ...] = ()) -> PlacedEffect:
+def handed_on(placed: PlacedEffect, controller: Controller | None) -> PlacedEffect:
     """Return an effect at a state as one on what other equations have of it, or of a controller's output."""
-    if output:
-        name, unit = placed.argument_name, placed.argument_unit
-        placed = replace(placed, second=output, second_name=name, second_unit=unit)
-    return replace(placed, handed_on=True)
+    if controller is None:
+        return replace(placed, handed_on=True)
+    name, unit = placed.argument_name, placed.argument_unit
+    return replace(placed, handed_on=True, second=controller.output, second_name=name, second_unit=unit)
 
 
 def _alone(i: int, simulator: Simulator) -> Argument:

@@ -51,8 +51,9 @@ class ODESimulator(Simulator):
         Integration steps in one sampling period. Where dry friction brings a motion to rest, or turns it
         about, a step is parted further, and what the equations have as a sign, an ``if`` or a steep tanh of
         a state, or of the difference of two states of one unit, sticks without chatter.
-    hold : {"zero", "linear"}, default="zero"
-        What the input does between samples.
+    hold : {"zero", "linear"}, default=None
+        What the inputs do between samples: stay as they are, as a computer's commands, or go on in straight
+        lines. With None they stay, unless a diagnosis finds that straight lines fit clearly better.
     x0 : mapping of {str: float} or sequence of float, optional
         States from which a run begins where neither the caller nor the recording tells: all in order, or
         some by name, the others zero. Equations that make no sense at zero (a gap in a denominator, an
@@ -93,7 +94,7 @@ class ODESimulator(Simulator):
         outputs: Sequence[str] | Mapping[str, str] | None = None,
         output: Sequence[int] | Callable | None = None,
         substeps: int = 1,
-        hold: str = "zero",
+        hold: str | None = None,
         x0: Mapping[str, float] | Sequence[float] | None = None,
     ):
         if not callable(function):
@@ -111,7 +112,8 @@ class ODESimulator(Simulator):
         if not isinstance(substeps, Integral) or isinstance(substeps, bool) or substeps < 1:
             raise ValueError(f"substeps must be an integer of at least 1, got {substeps!r}.")
         self.substeps = int(substeps)
-        self.linear_hold = check_choice(hold, "hold", ("zero", "linear")) == "linear"
+        self.hold_is_told = hold is not None
+        self.linear_hold = self.hold_is_told and check_choice(hold, "hold", ("zero", "linear")) == "linear"
         self.sees_rates = callable(self.output) and takes_rates(self.output)
         self._try_out()
         self._found: Switches = self._find_switches()

@@ -99,6 +99,7 @@ class Simulator(ABC):
     effects: tuple[PlacedEffect, ...] = ()
     substeps: int = 1
     linear_hold: bool = False
+    hold_is_told: bool = True  # what inputs do between samples; else a diagnosis asks the record
     discrete: bool = False
     sees_rates: bool = False
     reads_parameters: bool = False  # its equations do, so that one may depend on a signal

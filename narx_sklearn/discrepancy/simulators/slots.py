@@ -38,7 +38,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
             seconds[i] = placed.second
         theta[i, : len(effect.parameters)] = placed.own_theta
         if placed.onward >= 0:
-            theta[i, SPILL] = placed.theta[-1]
+            theta[i, SPILL] = placed.taken_onward
     flags = jumps, after, sticks, inertial
     ways = port, onward, through
     return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends, along

@@ -139,7 +139,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    follows, controllers = np.zeros(n, dtype=bool), ()
+    follows = np.zeros(n, dtype=bool)
+    controllers: tuple[Controller, ...] = ()
     if not simulator.discrete and points.size:
         alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
         follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))

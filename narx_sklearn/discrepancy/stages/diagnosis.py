@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
@@ -33,8 +33,14 @@ from narx_sklearn.discrepancy.stages.beginning import (
     rounding_of,
     states_at,
 )
+from narx_sklearn.discrepancy.stages.between_samples import in_straight_lines, leaves_less
 from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
-from narx_sklearn.discrepancy.stages.coloured_search import Searched, coloured_search, steps_beside
+from narx_sklearn.discrepancy.stages.coloured_search import (
+    Searched,
+    coloured_search,
+    pool_of,
+    steps_beside,
+)
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
 from narx_sklearn.discrepancy.stages.plain import (
@@ -69,6 +75,7 @@ from narx_sklearn.discrepancy.stages.unnamed import (
 from narx_sklearn.discrepancy.stages.varying import parameter_that_varies
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
+LEADERS = 3  # of what was fitted, that may be better with inputs in straight lines between samples
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
 
 
@@ -101,6 +108,11 @@ class Diagnosis:
     apart: tuple[Part, ...] = ()  # sessions with parameters of their own, which leaves less than the best
     missed_in_each: tuple[PlacedEffect, ...] = ()  # of these sessions by itself; all else is of one
     together: Part | None = None  # what was found of all sessions, where the diagnosis is of one
+
+    @property
+    def law(self) -> Model:
+        """What follows signals of all that was found: the best set, or parameters alone."""
+        return (self.best.fit if self.unforeseen is None else self.refitted).model
 
     @property
     def is_named(self) -> bool:
@@ -202,7 +214,21 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             break
         settings.tell("again, nearer to the parameters that were found")
         found = _diagnosed(nearer, u, y, pieces, settings)
+    found = _unless_straight(found, u, y, pieces, settings)
     return _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
+
+
+def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
+    """Return a diagnosis, or that with inputs in straight lines between samples, where that leaves less."""
+    if found.verdict in NOTHING_MISSING:
+        return found
+    leaders = [candidate.fit.model for candidate in pool_of(list(found.steps))[:LEADERS]]
+    other = in_straight_lines(found.problem, found.law, leaders, settings.n_jobs)
+    if other is None:
+        return found
+    settings.tell("again, with inputs in straight lines between samples")
+    straight = _diagnosed(other, u, y, pieces, settings)
+    return straight if leaves_less(straight.problem, straight.law, found.problem, found.law) else found
 
 
 def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:

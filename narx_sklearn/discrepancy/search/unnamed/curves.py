@@ -49,10 +49,11 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
     of_all = np.column_stack([u, x])
-    for port, argument, output in on_the_way(simulator, structure):
-        curve = curve_at(port, argument, of_all @ np.array(output) if output else x[:, port.index])
+    for port, argument, controller in on_the_way(simulator, structure):
+        values = x[:, port.index] if controller is None else of_all @ np.array(controller.output)
+        curve = curve_at(port, argument, values)
         if curve is not None:
-            found.append(curve._replace(placed=handed_on(curve.placed, output)))
+            found.append(curve._replace(placed=handed_on(curve.placed, controller)))
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)
