@@ -1,12 +1,14 @@
 """Parameters of a simulator that depend on a signal: run, tangent, fit, and when they are told."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from small_machines import diagnosed_oscillator
 
 from narx_sklearn.discrepancy import CallableSimulator, DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.dependence import dependence_in_words
 from narx_sklearn.discrepancy.fitting.acting import correction
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
@@ -16,7 +18,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import effect_column
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.places import parameter_placements
-from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -68,15 +70,19 @@ def driven(rng, n):
     return np.column_stack([np.repeat(rng.uniform(-8, 8, n // 20), 20), air])
 
 
-def recorded(rng, fall=FALL, n=1200, finer=20):
+def recorded(rng, fall=FALL, n=1200, finer=20, bend=0.0):
     """Step the cell by Euler's method, far finer than it is measured."""
+
+    def resistance_at(temperature):
+        ahead = temperature - ABOUT
+        return 0.05 * (1 + fall * ahead + bend * ahead**2)
+
     u = driven(rng, n)
     temperature, y = u[0, 1], np.empty((n, 2))
     for k, (current, air) in enumerate(u):
-        y[k] = 3.7 - current * 0.05 * (1 + fall * (temperature - ABOUT)), temperature
+        y[k] = 3.7 - current * resistance_at(temperature), temperature
         for _ in range(finer):
-            resistance = 0.05 * (1 + fall * (temperature - ABOUT))
-            heat = current**2 * resistance - 0.1 * (temperature - air)
+            heat = current**2 * resistance_at(temperature) - 0.1 * (temperature - air)
             temperature += DT / finer * heat / 12.0
     return u, y + rng.normal(size=y.shape) * [0.002, 0.05]
 
@@ -84,6 +90,18 @@ def recorded(rng, fall=FALL, n=1200, finer=20):
 def problem_of(simulator, u, y, sigma=(0.002, 0.05)):
     windows = cut([(slice(0, len(u)), 0)], 100, 1)
     return Problem(simulator, u, y, windows, Noise.white(np.array(sigma)))
+
+
+def test_along_a_parabola():
+    bent = bending(warming()).at((FALL, ABOUT, 0.0004))
+    assert bent.n_values == 2
+    for temperature in (10.0, 25.0, 40.0):
+        ahead = temperature - ABOUT
+        factor = bent.effect.factor(temperature, np.array(bent.theta))
+        assert factor == pytest.approx(1 + FALL * ahead + 0.0004 * ahead**2)
+    bent = replace(bent, second_name="temperature", second_unit="degC")
+    told = dependence_in_words(bent, np.array([[FALL, FALL], [ABOUT, ABOUT], [0.0, 0.0]]), make_cell())
+    assert told.endswith("about 25 degC, and bends by +0.04 % per degC^2 there.")
 
 
 # -- the run ------------------------------------------------------------------------------------------------
@@ -273,6 +291,23 @@ def test_a_resistance_that_falls_as_it_warms_is_told_and_corrected():
     assert np.std(y_new[20:, 0] - predicted[20:, 0]) < 1.1 * 0.002  # the noise
     constant = dx.refitted_simulator_.simulate(u_new, x0=[y_new[0, 1]])
     assert np.std(y_new[20:, 0] - constant[20:, 0]) > 5 * 0.002
+
+
+@pytest.mark.long
+def test_a_resistance_that_falls_less_and_less_is_told_along_a_parabola():
+    u, y = recorded(np.random.default_rng(2), fall=-0.03, bend=0.0008)
+    dx = DiscrepancyRegressor(make_cell(resistance=0.045), random_state=0).fit(u, y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.place) == ("unknown", "in the parameter R0, with temperature")
+    a, r, b = (finding.parameters[name] for name in "arb")
+    resistance = {p.name: p.value for p in dx.simulator_.parameters}["R0"]
+    for ahead in (-10.0, 0.0, 10.0):
+        told = resistance * (1 + a * (ahead + ABOUT - r) + b * (ahead + ABOUT - r) ** 2)
+        assert told == pytest.approx(0.05 * (1 - 0.03 * ahead + 0.0008 * ahead**2), rel=0.02)
+    assert "and bends by +0.0" in finding.sentence
+    u_new, y_new = recorded(np.random.default_rng(3), n=400, fall=-0.03, bend=0.0008)
+    predicted = dx.predict(u_new, y_init=y_new[:20])
+    assert np.std(y_new[20:, 0] - predicted[20:, 0]) < 1.1 * 0.002  # the noise
 
 
 @pytest.mark.long

@@ -14,8 +14,9 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
 
     Parameters
     ----------
-    sure : ndarray of shape (2, 2)
-        Confidence intervals of the change per unit of the signal, and of where that is counted from.
+    sure : ndarray of shape (2 or 3, 2)
+        Confidence intervals of the change per unit of the signal, of where that is counted from, and of how
+        it bends.
 
     Examples
     --------
@@ -37,7 +38,7 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     """
     if placed.effect.code != VARYING:
         return ""
-    change, reference = placed.theta
+    change, reference, *bend = placed.theta
     sizes = np.sort(100 * np.sign(change) * np.array(sure[0]))
     name, unit = placed.second_name, placed.second_unit
     per, about = unit, f"{reference:.4g} {unit}"
@@ -46,7 +47,9 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     low, high = (f"{size:.4g}" for size in sizes)
     parameter, moves = simulator.parameters[placed.port.index], "rises" if change > 0 else "falls"
     of_it = " of its value" if parameter.unit == "%" else ""
+    square = f"({per})^2" if " " in per or "/" in per else f"{per}^2"
+    bends = f", and bends by {100 * bend[0]:+.4g} % per {square} there" if bend else ""
     return (
         f"The parameter {parameter.name} depends on {name}: it {moves} by {100 * abs(change):.4g} %{of_it} "
-        f"per {per} ({low} to {high} %) about {about}."
+        f"per {per} ({low} to {high} %) about {about}{bends}."
     )

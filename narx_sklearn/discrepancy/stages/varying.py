@@ -12,7 +12,8 @@ from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_nois
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
-from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES as OWN
+from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
@@ -52,7 +53,7 @@ def parameter_that_varies(
     varying = refit_leaders(problem, refitted, placed, settings.n_jobs, finished=1) if placed else []
     if not varying:
         return None
-    varying[0] = converged(problem, varying[0], settings.n_jobs)
+    varying[0] = _unless_bent(problem, converged(problem, varying[0], settings.n_jobs), settings.n_jobs)
     if not _outdoes(problem, varying[0], found, refitted):
         return None
     nothing = Candidate(refitted, problem.n_seen)
@@ -65,13 +66,27 @@ def parameter_that_varies(
     if said.verdict != "explained" or said.best is not best:
         return None
     of_laws = ((),) * len(best.effects)
-    return searched, Judgement("unknown", best, of_laws, best) if best.effects[0].effect is OWN else said
+    return searched, Judgement("unknown", best, of_laws, best) if _is_own(best) else said
+
+
+def _is_own(candidate: Candidate) -> bool:
+    """Tell whether that a parameter depends on a signal has no name."""
+    return candidate.effects[0].effect.code == VARYING
+
+
+def _unless_bent(problem: Problem, straight: Candidate, n_jobs: int | None) -> Candidate:
+    """Return a parameter that changes in proportion to a signal, or along a parabola where this is likelier."""
+    if not _is_own(straight):
+        return straight
+    model = straight.fit.model._replace(effects=tuple(map(bending, straight.effects)))
+    bent = converged(problem, Candidate(fit(problem, model, n_jobs=n_jobs), straight.n_samples), n_jobs)
+    return bent if bent.criterion < straight.criterion - HARDLY else straight
 
 
 def _bank(searched: Searched, structure: Structure, settings: Settings) -> Bank | None:
     """Return what every parameter would do that depends on any signal; None where none can."""
     problem, refitted, _ = searched
-    effects = [OWN, *(effect for effect in settings.effects if PARAMETER in effect.ports)]
+    effects = [PARAMETER_THAT_VARIES, *(effect for effect in settings.effects if PARAMETER in effect.ports)]
     run = problem.run(refitted.model)
     hypotheses = parameter_hypotheses(effects, problem, run, structure, settings.n_jobs)
     return make_bank(problem, refitted, hypotheses, settings.n_jobs) if hypotheses else None

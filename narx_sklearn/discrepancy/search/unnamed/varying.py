@@ -3,8 +3,11 @@
 That a parameter does is no name: why it does is another question. So it is a law without a name.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
+from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING, WORDS
 from narx_sklearn.physics.effects import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
@@ -14,6 +17,12 @@ from narx_sklearn.physics.effects._starts import ORDINARY, grid, spread
 @kernel
 def _in_proportion(second, theta):
     return 1.0 + theta[0] * (second - theta[1])
+
+
+@kernel
+def _along_a_parabola(second, theta):
+    ahead = second - theta[1]
+    return 1.0 + ahead * (theta[0] + theta[2] * ahead)
 
 
 def _mean(setting: Setting) -> float:
@@ -43,3 +52,16 @@ PARAMETER_THAT_VARIES = Effect(
     separate_by="that signal alone at several levels, with all else repeated",
     source="Rugh and Shamma 2000, Automatica 36(10), sec. 2 (parameters that depend on a signal)",
 )
+
+BENDING = replace(
+    PARAMETER_THAT_VARIES,
+    equation="p (1 + a (w - r) + b (w - r)^2) in place of p, with r the mean of w",
+    parameters=(*PARAMETER_THAT_VARIES.parameters, EffectParameter("b", "1/({second})^2")),
+    factor=_along_a_parabola,
+)
+
+
+def bending(placed: PlacedEffect) -> PlacedEffect:
+    """Return a parameter that changes in proportion to a signal as one that does so along a parabola."""
+    limits = (*placed.limits, (-np.inf, np.inf))
+    return replace(placed, effect=BENDING, limits=limits).at((*placed.theta, 0.0))
