@@ -75,7 +75,7 @@ def _is_own(candidate: Candidate) -> bool:
 
 
 def _unless_bent(problem: Problem, straight: Candidate, n_jobs: int | None) -> Candidate:
-    """Return a parameter that changes in proportion to a signal, or along a parabola where this is likelier."""
+    """Return a parameter in proportion to a signal, or along a parabola where this is likelier."""
     if not _is_own(straight):
         return straight
     model = straight.fit.model._replace(effects=tuple(map(bending, straight.effects)))
