@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, register_effect
 
 DT = 0.02
-ACTING = [effect for effect in CATALOGUE.values() if effect.handed_on is not None]
+ACTING = [effect for effect in CATALOGUE.values() if effect.handed_on and effect.argument != "position"]
 
 
 def cylinder(x, u, p):

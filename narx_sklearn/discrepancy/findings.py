@@ -557,10 +557,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
         return f"beside the input {simulator.inputs[placed.through].name}"
     if placed.handed_on:
         name = simulator.states[placed.port.index].name
-        if placed.is_fed:
-            follows = f"; {name} follows what is left" if placed.tracks else ""
-            return f"behind {name} and its rate, as the other equations have their sum{follows}"
-        return f"behind {name}, as the other equations have it"
+        follows = f"; {name} follows what is left" if placed.tracks else ""
+        return f"behind {placed.argument_name}, as the other equations have it{follows}"
     if placed.reacts and placed.theta and not placed.theta[-1]:
         return words  # the neighbour does not feel it
     if placed.reacts:

@@ -97,8 +97,8 @@ class PlacedEffect:
         several bodies that move together; -1 for none, and it is added to its port.
     handed_on : bool
         Whether it changes what all other equations have of the port's state, and not that state's own
-        equation. The state follows an input; or it is a controller's integral, and what the effect depends on
-        the ``second``, the controller's output.
+        equation. The state follows an input; or it comes in a sum with its rate, as the integral of a
+        controller does in what that puts out, and the effect depends on that sum, the ``second``.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.

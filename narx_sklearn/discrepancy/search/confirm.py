@@ -99,6 +99,11 @@ def deviance(problem: Problem, model: Model, *, may_drift: bool = True) -> float
     return own_noise(problem, model, may_drift=may_drift).deviance
 
 
+def priced(problem: Problem, candidate: Candidate) -> float:
+    """Return minus twice the log-likelihood of a set under the noise that it leaves, and its price."""
+    return deviance(problem, candidate.fit.model) + candidate.price
+
+
 class Trial(NamedTuple):
     """What candidates are held against: a set of effects that all of them have, and all that was tried."""
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulators.controllers import Controller
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.simulators.sums import Sum
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import PARAMETER, Effect
 
@@ -60,13 +60,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, simulator, structure)
     ]
-    if effect.handed_on is not None:
-        for port, argument, controller in on_the_way(simulator, structure):
-            behind = handed_on(placed_at(effect, port, argument), controller)
-            all_of_it.append(behind)
-            if controller is not None:
-                all_of_it.append(replace(behind, onward=port.index, share=1.0 / controller.time))
-    return all_of_it
+    return all_of_it + _behind(effect, simulator, structure)
 
 
 def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
@@ -97,27 +91,70 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
     return at if back < 0 else replace(at, onward=back, share=ratio)
 
 
-def on_the_way(
-    simulator: Simulator, structure: Structure
-) -> Iterator[tuple[Port, Argument, Controller | None]]:
+def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
+    """Return the places of an effect on what passes from some equations to others.
+
+    What depends on a position is met in a coupling, all else behind an actuator or a controller; the integral
+    of the latter may follow what is left.
+    """
+    if effect.handed_on is None:
+        return []
+    if effect.argument == "position":
+        coupled = []
+        for port, argument, coupling in in_couplings(simulator, structure):
+            placed = handed_on(placed_at(effect, port, argument), coupling)
+            shown = structure.read[:, len(simulator.inputs) + coupling.state].any()
+            coupled.append(placed if shown else _counted_from_zero(placed))
+        return coupled
+    places = []
+    for port, argument, of in on_the_way(simulator, structure):
+        places.append(handed_on(placed_at(effect, port, argument), of))
+        if of is not None:
+            places.append(replace(places[-1], onward=of.state, share=1.0 / of.time))
+    return places
+
+
+def on_the_way(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, Sum | None]]:
     """Yield what is on its way to other equations: states that follow an input, and what controllers put out.
 
-    That is the state, what acts there depends on, and the controller of which the state is the integral.
+    That is the state that those would have otherwise, what acts there depends on, and the sum of signals that
+    this is; None for the state alone.
     """
     for i in structure.handed_on:
         yield Port("state", i), _alone(i, simulator), None
-    for controller in structure.controllers:
-        weights, name, unit, *_ = _alone(controller.integral, simulator)
-        told = f"{name} + {controller.time:.4g} s x its rate"
-        yield Port("state", controller.integral), Argument(weights, told, unit), controller
+    for of in structure.controllers:
+        yield Port("state", of.state), _with_rate(_alone(of.state, simulator), of.time), of
 
 
-def handed_on(placed: PlacedEffect, controller: Controller | None) -> PlacedEffect:
-    """Return an effect at a state as one on what other equations have of it, or of a controller's output."""
-    if controller is None:
+def in_couplings(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, Sum]]:
+    """Yield what passes between two bodies that feel nothing else of each other, in the same way."""
+    for of in structure.couplings:
+        argument = _alone(of.state, simulator)
+        for j in np.flatnonzero(np.array(of.weights[len(simulator.inputs) :]) < 0).tolist():
+            if structure.partner[j] < 0 and structure.kinematic[j]:
+                argument = argument._replace(name=f"{argument.name} - {simulator.states[j].name}")
+        yield Port("state", of.state), _with_rate(argument, of.time), of
+
+
+def handed_on(placed: PlacedEffect, of: Sum | None) -> PlacedEffect:
+    """Return an effect at a state as one on what other equations have of it, or of its sum with its rate."""
+    if of is None:
         return replace(placed, handed_on=True)
     name, unit = placed.argument_name, placed.argument_unit
-    return replace(placed, handed_on=True, second=controller.output, second_name=name, second_unit=unit)
+    return replace(placed, handed_on=True, second=of.weights, second_name=name, second_unit=unit)
+
+
+def _counted_from_zero(placed: PlacedEffect) -> PlacedEffect:
+    """Return an effect on a parting that nothing shows, counted from zero: from where, no record tells."""
+    limits = [
+        (0.0, 0.0) if p.unit == "{arg}" and p.lower < 0 else (p.lower, p.upper)
+        for p in placed.effect.parameters
+    ]
+    return replace(placed, limits=tuple(limits))
+
+
+def _with_rate(argument: Argument, time: float) -> Argument:
+    return argument._replace(name=f"{argument.name} + {time:.4g} s x its rate") if time else argument
 
 
 def _alone(i: int, simulator: Simulator) -> Argument:

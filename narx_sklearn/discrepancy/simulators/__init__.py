@@ -5,6 +5,6 @@ What an output function makes of states is ``read_back``.
 Every simulator is a ``simulator``, which the ``kernels`` run: functions are handed to them by their
 ``addresses``, effects at state equations in ``slots``; those at inputs and outputs are ``applied`` to the
 signals there. ``linearise``, ``structure`` and ``windows`` ask it about itself: its slopes, what drives what,
-how long it remembers; ``controllers`` are found among its equations. ``varied`` lets a parameter depend on a
+how long it remembers, which ``sums`` its equations have of signals. ``varied`` lets a parameter depend on a
 signal.
 """

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import Port
-from narx_sklearn.discrepancy.simulators.controllers import Controller, find_controllers
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
+from narx_sklearn.discrepancy.simulators.sums import Sum, find_controllers, find_couplings
 from narx_sklearn.model.units import may_be_alike
 
 POINTS = 6  # states of the run at which derivatives are compared
@@ -31,7 +31,8 @@ class Structure(NamedTuple):
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
-    controllers: tuple[Controller, ...]  # whose equations are among the simulator's
+    controllers: tuple[Sum, ...] = ()  # what those among the equations put out
+    couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -140,23 +141,17 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
     follows = np.zeros(n, dtype=bool)
-    controllers: tuple[Controller, ...] = ()
     if not simulator.discrete and points.size:
         alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
         follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
-        controllers = find_controllers(Jx, Ju, depends, driven)
-    return Structure(
-        tuple(partner),
-        kinematic,
-        depends,
-        slopes,
-        driven,
-        of_parameters,
-        gain,
-        varies,
-        read,
-        follows,
-        controllers,
+    found = Structure(
+        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, follows
+    )
+    if simulator.discrete or not points.size:
+        return found
+    return found._replace(
+        controllers=find_controllers(Jx, Ju, depends, driven),
+        couplings=find_couplings(Jx, depends, kinematic, found.twists, found.rates, u.shape[1]),
     )
 
 

@@ -10,35 +10,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
-from narx_sklearn.discrepancy.search.confirm import CLEARER, deviance
+from narx_sklearn.discrepancy.search.candidate import Candidate
+from narx_sklearn.discrepancy.search.confirm import CLEARER, priced
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 ALIKE = 1e-6  # of an input's range, that its straight lines differ from its steps where it has none
 
 
 def in_straight_lines(
-    problem: Problem, best: Model, others: Iterable[Model], n_jobs: int | None = None
+    problem: Problem, best: Candidate, others: Iterable[Candidate], n_jobs: int | None = None
 ) -> Simulator | None:
-    """Return the simulator with inputs in straight lines, where that leaves clearly less; else None.
+    """Return the simulator with inputs in straight lines, where that is clearly likelier; else None.
 
-    The best model may be what it is because inputs came late, so others are tried with straight lines too.
+    The best explanation may be what it is because inputs came late, so others are tried with straight lines
+    too.
     """
     simulator = problem.simulator
     if simulator.hold_is_told or not _moves_on(problem):
         return None
     straight = replace(problem, simulator=copy(simulator))
     straight.simulator.linear_hold = True
-    for model in (best, *others):
-        if leaves_less(straight, fit(straight, model, n_jobs=n_jobs).model, problem, best):
+    for candidate in (best, *others):
+        again = replace(candidate, fit=fit(straight, candidate.fit.model, n_jobs=n_jobs))
+        if priced(straight, again) < priced(problem, best) - CLEARER:  # each under noise of its own
             return straight.simulator
     return None
-
-
-def leaves_less(straight: Problem, other: Model, problem: Problem, best: Model) -> bool:
-    """Tell whether a model with inputs in straight lines is clearly likelier, each under its own noise."""
-    return deviance(straight, other) < deviance(problem, best) - CLEARER
 
 
 def _moves_on(problem: Problem) -> bool:

@@ -7,14 +7,14 @@ from itertools import chain
 
 import numpy as np
 
-from narx_sklearn.discrepancy.fitting.problem import Model, Problem
+from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, all_bounds, fit
 from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, odd
-from narx_sklearn.discrepancy.search.confirm import OFFSET, clearer_noise, is_drift
+from narx_sklearn.discrepancy.search.confirm import CLEARER, OFFSET, clearer_noise, is_drift, priced
 from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
@@ -33,7 +33,7 @@ from narx_sklearn.discrepancy.stages.beginning import (
     rounding_of,
     states_at,
 )
-from narx_sklearn.discrepancy.stages.between_samples import in_straight_lines, leaves_less
+from narx_sklearn.discrepancy.stages.between_samples import in_straight_lines
 from narx_sklearn.discrepancy.stages.bounded import AtBound, fit_beyond
 from narx_sklearn.discrepancy.stages.coloured_search import (
     Searched,
@@ -75,7 +75,11 @@ from narx_sklearn.discrepancy.stages.unnamed import (
 from narx_sklearn.discrepancy.stages.varying import parameter_that_varies
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 
+LARGE = 0.02  # of the deviance for each sample: so much less is no accident of laws that are not true
 LEADERS = 3  # of what was fitted, that may be better with inputs in straight lines between samples
+SHORTER = 8  # times as short are windows over which what was not explained is looked at again
+SHORT = 50  # samples, that such windows have at least
+CLEARLY_LESS = 0.7  # of what was left over long windows, where names of short ones are believed
 AGAIN = 2  # diagnoses after the first, each with a simulator known nearer to the parameters found
 
 
@@ -110,9 +114,9 @@ class Diagnosis:
     together: Part | None = None  # what was found of all sessions, where the diagnosis is of one
 
     @property
-    def law(self) -> Model:
+    def law(self) -> Candidate:
         """What follows signals of all that was found: the best set, or parameters alone."""
-        return (self.best.fit if self.unforeseen is None else self.refitted).model
+        return self.best if self.unforeseen is None else Candidate(self.refitted, self.problem.n_seen)
 
     @property
     def is_named(self) -> bool:
@@ -200,13 +204,12 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
     found = _diagnosed(simulator, u, y, pieces, settings)
-    if found.verdict == "unknown" and found.lengthened_from:
+    if found.verdict == "unknown" and (length := _shorter(found, settings)):
         settings.tell("again, over shorter windows")
-        lengths = found.problem.windows.last - found.problem.windows.first
-        halfway = replace(settings, window=int(np.sqrt(found.lengthened_from * np.median(lengths))))
-        shorter = _diagnosed(simulator, u, y, pieces, halfway)
+        over_shorter = replace(settings, window=length)
+        shorter = _diagnosed(simulator, u, y, pieces, over_shorter)
         if _explains_more(shorter, found):
-            found, settings = shorter, halfway
+            found, settings = shorter, over_shorter
     for _ in range(AGAIN):
         known = found.problem.simulator
         nearer = known.centred(found.best.fit.model.p)
@@ -222,13 +225,16 @@ def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, set
     """Return a diagnosis, or that with inputs in straight lines between samples, where that leaves less."""
     if found.verdict in NOTHING_MISSING:
         return found
-    leaders = [candidate.fit.model for candidate in pool_of(list(found.steps))[:LEADERS]]
+    nothing = Candidate(found.refitted, found.problem.n_seen)
+    leaders = [nothing, *pool_of(found.steps)[:LEADERS]]
     other = in_straight_lines(found.problem, found.law, leaders, settings.n_jobs)
     if other is None:
         return found
     settings.tell("again, with inputs in straight lines between samples")
     straight = _diagnosed(other, u, y, pieces, settings)
-    return straight if leaves_less(straight.problem, straight.law, found.problem, found.law) else found
+    gained = priced(found.problem, found.law) - priced(straight.problem, straight.law)
+    least = CLEARER if straight.verdict != "unknown" else max(CLEARER, LARGE * found.problem.n_seen)
+    return straight if gained > least else found
 
 
 def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
@@ -336,11 +342,22 @@ def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, setti
     return replace(freed, narrow=beyond.passed) if freed.verdict == "refit" else found
 
 
+def _shorter(found: Diagnosis, settings: Settings) -> int:
+    """Return how many samples shorter windows should have; 0 where there are none worth a look."""
+    if settings.window is not None:
+        return 0
+    length = float(np.median(found.problem.windows.last - found.problem.windows.first))
+    if found.lengthened_from:
+        return int(np.sqrt(found.lengthened_from * length))
+    return int(length / SHORTER) if length >= SHORTER * SHORT else 0
+
+
 def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
     """Tell whether what is named over shorter windows leaves less of the long ones too.
 
-    An integrator without what is missing follows a long run; with it the machine may turn over, and a fit
-    that begins far away does not get there.
+    An integrator without what is missing follows a long run; with it the machine may turn over, or swing out
+    of step, and a fit that begins far away does not get there. Where windows were not made long, it has to
+    leave clearly less than what was found.
     """
     if not shorter.is_named:
         return False
@@ -348,7 +365,7 @@ def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
     model = shorter.best.fit.model
     x0 = states_at(shorter.problem, model, long.windows)
     left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
-    return left[0] < left[1]
+    return left[0] < (1.0 if found.lengthened_from else CLEARLY_LESS) * left[1]
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:

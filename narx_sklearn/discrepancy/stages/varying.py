@@ -8,7 +8,7 @@ from narx_sklearn.discrepancy.fitting.problem import Problem
 from narx_sklearn.discrepancy.fitting.refit import Fit, fit
 from narx_sklearn.discrepancy.search.bank import Bank, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, converged, once_each
-from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_noise, deviance
+from narx_sklearn.discrepancy.search.confirm import Trial, chances, clearer_noise, priced
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
@@ -107,11 +107,6 @@ def _outdoes(problem: Problem, varying: Candidate, found: Judgement, refitted: F
     leaves_less = left > UNEXPLAINED * (refitted.cost - varying.fit.cost)
     is_simpler = len(plainer.effects) > len(varying.effects) and varying.n_values < plainer.n_values
     return likelier > HARDLY + BEFORE_DATA and (leaves_less or is_simpler)
-
-
-def priced(problem: Problem, candidate: Candidate) -> float:
-    """Return minus twice the log-likelihood of a set under the noise that it leaves, and its price."""
-    return deviance(problem, candidate.fit.model) + candidate.price
 
 
 def _under_its_noise(searched: Searched, varying: Sequence[Candidate], settings: Settings) -> Searched:

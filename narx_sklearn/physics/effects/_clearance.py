@@ -137,12 +137,21 @@ def _past_gap(x, g, c):
 
 
 @kernel
+def _clearance_handed_on(argument, rate, own, second, time, step, z, theta, dz):
+    return theta[0] * (_past_gap(argument, theta[1], theta[2]) - argument)
+
+
+@kernel
 def _clearance(argument, rate, own, second, time, step, z, theta, dz):
     return -theta[0] * _past_gap(argument, theta[1], theta[2])
 
 
 def _past_gap_of_level(level, g, c):
     return level - c - np.clip(level - c, -g, g)
+
+
+def _past_gap_transform(signal, second, dt, theta, first):
+    return _past_gap_of_level(signal, theta[1], theta[2])
 
 
 def _beyond_gap(theta):
@@ -155,6 +164,8 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
     if not high > low:
         return np.empty((0, 3))
     gaps = quantiles(np.abs(setting.argument - middle), [0.1, 0.3, 0.6, 0.9])
+    if at_signal(setting):  # in a coupling, that passes what is past its gap
+        return telling(setting, grid([1.0], gaps, [0.0, middle]), _past_gap_transform)
     wide = 2 * (high - low)  # puts the other stop out of reach
     stops = [
         [1.0, wide, stop - side * wide]
@@ -283,14 +294,16 @@ CLEARANCE = (
         code="clearance",
         title="Clearance or end stop",
         sentence="Nothing is felt inside a gap; beyond it a spring is hit.",
-        equation="0 for |x - c| < g, -k (x - c - g sgn(x - c)) outside",
+        equation="0 for |x - c| < g, -k (x - c - g sgn(x - c)) outside; in a coupling (k = 1) it passes "
+        "x - c - g sgn(x - c)",
         parameters=(
-            EffectParameter("k", "{port}/({arg})", 0.0),
+            EffectParameter("k", "{port}/({arg})", 0.0, at_input=1.0),
             EffectParameter("g", "{arg}", 0.0),
             EffectParameter("c", "{arg}"),
         ),
         starts=_clearance_starts,
         force=_clearance,
+        handed_on=_clearance_handed_on,
         argument="position",
         acts_in=_beyond_gap,
         met_on="motion",

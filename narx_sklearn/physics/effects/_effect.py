@@ -110,7 +110,8 @@ class Effect:
         straight line closest to it rises.
     handed_on : callable, optional
         For a state that only follows an input, as all other equations have it, and for the output of a
-        controller among them: like ``force``, what is added to it there; compiled by numba.
+        controller among them; where the argument is a position, for what passes through a coupling. Like
+        ``force``, what is added to it there; compiled by numba.
     following : callable, optional
         For the equation of such a state itself, like ``force``: how it follows. Where a memory begins and how
         the effect is built have no meaning there.

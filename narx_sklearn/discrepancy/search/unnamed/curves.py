@@ -12,6 +12,7 @@ from narx_sklearn.discrepancy.search.places import (
     arguments,
     beside_inputs,
     handed_on,
+    in_couplings,
     moving,
     on_the_way,
     weights_of,
@@ -49,11 +50,10 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
     of_all = np.column_stack([u, x])
-    for port, argument, controller in on_the_way(simulator, structure):
-        values = x[:, port.index] if controller is None else of_all @ np.array(controller.output)
-        curve = curve_at(port, argument, values)
+    for port, argument, of in (*on_the_way(simulator, structure), *in_couplings(simulator, structure)):
+        curve = curve_at(port, argument, x[:, port.index] if of is None else of_all @ np.array(of.weights))
         if curve is not None:
-            found.append(curve._replace(placed=handed_on(curve.placed, controller)))
+            found.append(curve._replace(placed=handed_on(curve.placed, of)))
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)

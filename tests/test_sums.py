@@ -1,4 +1,4 @@
-"""Controllers among the equations: what they put out, and what acts on that."""
+"""Sums of a state and its rate: what controllers put out, what couplings pass on, and what acts on that."""
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.01
 KP, KI = 0.8, 6.0
+GAP = 0.02
 NOMINAL = {"kt [N m/A]": 0.5, "damping [N m s]": 0.02, "inertia [kg m^2]": 0.012, "resistance [ohm]": 1.1}
 TRUE = (0.55, 0.025, 0.01, 1.3)
 
@@ -40,17 +41,21 @@ def make(put_out=lambda v: v, tracking=0.0):
     )
 
 
-def of(equations, n_states, n_inputs=1):
-    simulator = ODESimulator(
+def plain(equations, n_states, n_inputs=1):
+    """Return a simulator that shows its first two states."""
+    return ODESimulator(
         equations,
         dt=DT,
         parameters={"a": 2.0, "b": 3.0},
         states=[f"x{i}" for i in range(n_states)],
         inputs=[f"u{i}" for i in range(n_inputs)],
-        output=[0],
-        outputs=["y"],
+        output=[0, 1],
+        outputs=["y0", "y1"],
     )
-    return structure_of(simulator)
+
+
+def of(equations, n_states, n_inputs=1):
+    return structure_of(plain(equations, n_states, n_inputs))
 
 
 def structure_of(simulator):
@@ -70,9 +75,9 @@ def behind(code, simulator, tracks=False):
 def test_what_a_controller_puts_out():
     """Over the gain of its integral that is the integral and T = kp/ki times what is integrated."""
     (found,) = structure_of(make()).controllers
-    assert found.integral == 2
+    assert found.state == 2
     assert found.time == pytest.approx(KP / KI)
-    assert found.output == pytest.approx((KP / KI, -KP / KI, 0.0, 1.0), abs=1e-6)
+    assert found.weights == pytest.approx((KP / KI, -KP / KI, 0.0, 1.0), abs=1e-6)
 
 
 def test_an_integral_in_the_unit_of_the_output():
@@ -81,7 +86,7 @@ def test_an_integral_in_the_unit_of_the_output():
         return p[0] * (p[1] * error + x[1]) - x[0], 5.0 * error
 
     (found,) = of(drive, 2).controllers
-    assert found.output == pytest.approx((3.0, -3.0, 1.0), rel=1e-6)
+    assert found.weights == pytest.approx((3.0, -3.0, 1.0), rel=1e-6)
 
 
 def test_the_inner_one_of_two_loops():
@@ -92,8 +97,8 @@ def test_the_inner_one_of_two_loops():
         return x[1], p[0] * (2.0 * error + 5.0 * x[2]) - x[1] * abs(x[1]), error
 
     (found,) = of(axis, 3).controllers
-    assert found.integral == 2
-    assert found.output == pytest.approx((1.6, -1.6, -0.4, 1.0), rel=1e-6)
+    assert found.state == 2
+    assert found.weights == pytest.approx((1.6, -1.6, -0.4, 1.0), rel=1e-6)
 
 
 def tank_and_pipe(x, u, p):
@@ -123,12 +128,95 @@ def test_a_spring_with_a_damper_that_a_base_pulls_at():
         return u[0] - x[1], 10.0 * p[0] * x[0] + p[1] * (u[0] - x[1])
 
     (found,) = of(isolator, 2).controllers
-    assert found.output == pytest.approx((0.15, 1.0, -0.15), rel=1e-6)
+    assert found.weights == pytest.approx((0.15, 1.0, -0.15), rel=1e-6)
 
 
 @pytest.mark.parametrize("equations", [tank_and_pipe, lag_beside, wound, against])
 def test_what_is_no_controller(equations):
     assert of(equations, 2).controllers == ()
+
+
+def shaft(motor, load, ahead, p):
+    """Return the torque of a spring with a damper."""
+    return 50.0 * p[0] * ahead + p[1] * (motor - load)
+
+
+def by_twist(x, u, p):
+    torque = shaft(x[0], x[1], x[2], p)
+    return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
+
+
+def by_positions(x, u, p):
+    """Behind a gear of three to one."""
+    torque = shaft(x[1], 3.0 * x[3], x[0] - 3.0 * x[2], p)
+    return x[1], u[0] - torque - 0.1 * x[1], x[3], 6.0 * torque - np.sin(x[2])
+
+
+def undamped(x, u, p):
+    torque = 50.0 * p[0] * x[2]
+    return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
+
+
+@pytest.mark.parametrize(
+    ("equations", "state", "weights"),
+    [
+        (by_twist, 2, (0.0, 0.03, -0.03, 1.0)),
+        (by_positions, 0, (0.0, 1.0, 0.03, -3.0, -0.09)),
+        (undamped, 2, (0.0, 0.0, 0.0, 1.0)),
+    ],
+)
+def test_what_a_coupling_passes_on(equations, state, weights):
+    """Over its stiffness that is the twist and T = c/k times how fast it grows."""
+    (found,) = of(equations, len(weights) - 1).couplings
+    assert found.state == state
+    assert found.weights == pytest.approx(weights, abs=1e-5)
+
+
+def held_back(x, u, p):
+    """A spring to the ground too, and no damper: where the motor is counts by itself."""
+    torque = 50.0 * p[0] * (x[0] - x[2])
+    return x[1], u[0] - torque - 4.0 * x[0], x[3], torque - 2.0 * x[2]
+
+
+def watched(x, u, p):
+    """Something else depends on the twist."""
+    torque = shaft(x[0], x[1], x[2], p)
+    return u[0] - torque, torque - x[1], x[0] - x[1], x[2] - x[3]
+
+
+@pytest.mark.parametrize("equations", [held_back, watched])
+def test_what_is_no_coupling(equations):
+    assert of(equations, 4).couplings == ()
+
+
+def loose(motor, load, ahead, p):
+    torque = shaft(motor, load, ahead, p)
+    return torque - min(max(torque, -50.0 * p[0] * GAP), 50.0 * p[0] * GAP)
+
+
+def loose_by_twist(x, u, p):
+    torque = loose(x[0], x[1], x[2], p)
+    return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
+
+
+def loose_by_positions(x, u, p):
+    torque = loose(x[1], 3.0 * x[3], x[0] - 3.0 * x[2], p)
+    return x[1], u[0] - torque - 0.1 * x[1], x[3], 6.0 * torque - np.sin(x[2])
+
+
+@pytest.mark.parametrize(
+    ("equations", "written", "n", "name"),
+    [(by_twist, loose_by_twist, 3, "x2"), (by_positions, loose_by_positions, 4, "x0 - x2")],
+)
+def test_a_clearance_in_a_coupling(equations, written, n, name):
+    simulator = plain(equations, n)
+    found = placements(CATALOGUE["clearance"], simulator, structure_of(simulator))
+    (placed,) = (p.at([1.0, GAP, 0.0]) for p in found if p.handed_on)
+    assert placed.argument_name == f"{name} + 0.03 s x its rate"
+    u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 30), 10)
+    run, twin = simulator.with_effects([placed]).simulate(u), plain(written, n).simulate(u)
+    np.testing.assert_allclose(run, twin, rtol=1e-5, atol=1e-6)
+    assert np.abs(twin - simulator.simulate(u)).max() > 0.01 * np.std(twin)
 
 
 @pytest.mark.parametrize("tracking", [0.0, 5.0])
@@ -154,7 +242,7 @@ def test_against_equations_that_have_it(tracking):
 def test_it_is_told_in_the_unit_of_the_integral():
     placed = behind("dead_zone", make()).at([0.2, 0.0, 0.0])
     words = place_in_words(placed, make())
-    assert words == "behind integral and its rate, as the other equations have their sum"
+    assert words == "behind integral + 0.1333 s x its rate, as the other equations have it"
     assert argument_told(placed) == "s = integral + 0.1333 s x its rate [rad]"
     assert parameter_units(placed, make()) == ["rad"] * 3
 
@@ -174,7 +262,7 @@ def test_a_curve_is_tried_there_too():
     structure = find_structure(make(), run.x, u)
     curves = curve_hypotheses(make(), structure, u, run.x, run.y)
     (found,) = (h for h in curves if h.placed.handed_on)
-    assert found.placed.second == structure.controllers[0].output
+    assert found.placed.second == structure.controllers[0].weights
 
 
 def diagnosed(put_out, tracking=0.0):
@@ -221,3 +309,45 @@ def test_an_integral_that_does_not_wind_up_is_told_beside_the_limit():
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", "input_saturation", "state:2")
     assert finding.parameters["high"] == pytest.approx(24.0 / KI, rel=0.05)
     assert finding.parameters["tracking"] == pytest.approx(5.0, rel=0.2)
+
+
+@pytest.mark.long
+def test_a_clearance_in_a_coupling_is_named_though_long_runs_swing_out_of_step():
+    """Over long windows a fit loses count of the swings; over shorter ones it does not."""
+    rng = np.random.default_rng(3)
+    inertias, stiffness, damping, frictions, gap = (0.6, 1.35), 3200.0, 3.5, (0.6, 1.6), 0.006
+    torque = np.repeat(rng.uniform(-40, 40, 150), 20)
+    motor = load = twist = 0.0
+    finer, y = 100, []
+    h = 0.002 / finer
+    for applied in torque:
+        y.append((motor, load))
+        for _ in range(finer):
+            beyond = twist - min(max(twist, -gap), gap)
+            passed = stiffness * beyond + damping * (motor - load) if beyond else 0.0
+            passed = max(passed, 0.0) if beyond > 0 else min(passed, 0.0)
+            motor += h * (applied - passed - frictions[0] * motor) / inertias[0]
+            load += h * (passed - frictions[1] * load) / inertias[1]
+            twist += h * (motor - load)
+    y = np.array(y) + [0.03, 0.05] * rng.standard_normal((torque.size, 2))
+
+    def train(x, u, p):
+        passed = p[2] * x[2] + p[3] * (x[0] - x[1])
+        return (u[0] - passed - p[4] * x[0]) / p[0], (passed - p[5] * x[1]) / p[1], x[0] - x[1]
+
+    simulator = ODESimulator(
+        train,
+        dt=0.002,
+        parameters={"Jm": 0.6, "Jl": 1.1, "k": 2600.0, "c": 2.5, "bm": 0.5, "bl": 2.0},
+        states=["motor [rad/s]", "load [rad/s]", "twist [rad]"],
+        inputs=["torque [N m]"],
+        outputs=["motor [rad/s]", "load [rad/s]"],
+        output=[0, 1],
+    )
+    dx = DiscrepancyRegressor(simulator, random_state=0).fit(torque, y)
+    finding = dx.findings_[0]
+    assert dx.verdict_ in ("explained", "ambiguous")  # the ratio c/k is the nominal one
+    assert (finding.effect, finding.port) == ("clearance", "state:2")
+    assert finding.parameters["g"] == pytest.approx(gap, rel=0.05)
+    assert finding.parameters["c"] == 0.0  # nothing shows from where a twist is counted
+    assert {p.name: p.value for p in dx.simulator_.parameters}["k"] == pytest.approx(stiffness, rel=0.05)

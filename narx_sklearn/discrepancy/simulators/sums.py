@@ -1,0 +1,135 @@
+"""Sums of a state and its rate that equations have: what a controller puts out, what a coupling passes on.
+
+Neither is a signal of the simulator, and yet something may act on it: a limit of the controller's output, a
+clearance in the coupling.
+"""
+
+from collections.abc import Iterable
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+ALIKE = 1e-6  # relative difference below which a slope counts as the same
+OPPOSED = 1e-4  # of slopes by two positions, that they may differ by where their difference alone counts
+
+
+class Sum(NamedTuple):
+    """A state and its rate as other equations have them: always in the sum ``x + T x'``, times something.
+
+    Of a controller x is the integral of an error, T the integral time, and the sum its output over the gain
+    of the integral. Of a spring with a damper x is how far two bodies have parted, or a base is ahead, T the
+    ratio of their constants, and the sum what passes between them over the stiffness.
+    """
+
+    state: int  # which those equations would have otherwise, were something added to the sum
+    time: float  # T [s]
+    weights: tuple[float, ...]  # (n_inputs + n_states,) of inputs and states in the sum
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def find_controllers(
+    of_states: np.ndarray, of_inputs: np.ndarray, states: np.ndarray, inputs: np.ndarray
+) -> tuple[Sum, ...]:
+    """Find the states that integrate an error, which other equations have in the same sum as that state.
+
+    The integral of what a reference and signals differ by, with constant weights, drives equations that the
+    reference enters too. How much more of the error they have than of the integral is the integral time.
+
+    Parameters
+    ----------
+    of_states : ndarray of shape (n_points, n_states, n_states)
+        Slopes of the rates at some points of a run.
+    of_inputs : ndarray of shape (n_points, n_states, n_inputs)
+        The same for inputs.
+    states, inputs : ndarray of bool, of shape (n_states, n_states) and (n_states, n_inputs)
+        Which equation depends on what.
+    """
+    found = []
+    for s in np.flatnonzero(inputs.any(axis=1) & states.any(axis=1) & ~np.diag(states)).tolist():
+        error = np.column_stack([of_inputs[:, s], of_states[:, s]])
+        if np.any(np.ptp(error, axis=0) > ALIKE * np.abs(error).max()):
+            continue
+        driven = np.flatnonzero(states[:, s])
+        times = [
+            of_inputs[:, i, j] / (of_inputs[:, s, j] * of_states[:, i, s])
+            for i in driven
+            for j in np.flatnonzero(inputs[s])
+        ]
+        time = _one_time(times)
+        if time is not None and time > 0.0:
+            weights = time * error.mean(axis=0)
+            weights[inputs.shape[1] + s] += 1.0
+            found.append(Sum(s, time, tuple(weights.tolist())))
+    return tuple(found)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def find_couplings(
+    slopes: np.ndarray,
+    depends: np.ndarray,
+    kinematic: np.ndarray,
+    twists: Iterable[tuple[int, int, int]],
+    rates: Iterable[tuple[int, int, float]],
+    n_inputs: int,
+) -> tuple[Sum, ...]:
+    """Find where two bodies feel nothing of each other but how far, and how fast, they have parted.
+
+    Parameters
+    ----------
+    slopes : ndarray of shape (n_points, n_states, n_states)
+        Of the rates, at some points of a run.
+    depends : ndarray of bool, of shape (n_states, n_states)
+        Which equation depends on which state.
+    kinematic : ndarray of bool, of shape (n_states,)
+    twists : iterable of (int, int, int)
+        States that count how far two others have parted: (state, the one ahead, the other).
+    rates : iterable of (int, int, float)
+        States that another one integrates: (velocity, position, the factor in which it does).
+    """
+    found: dict[tuple[int, ...], Sum] = {}
+    for parted, at, velocities, is_sure in _partings(slopes, depends, kinematic, twists, list(rates)):
+        rate = slopes.mean(axis=0).T @ parted  # of the parting, by states
+        times = [
+            depends[i, j] * slopes[:, i, j] / (rate[j] * slopes[:, i, at])
+            for i, j in (velocities, velocities[::-1])
+        ]
+        time = _one_time(times)
+        if time is not None and (time > 0.0 or (is_sure and time == 0.0)):
+            weights = (*[0.0] * n_inputs, *(parted + time * rate).tolist())
+            found.setdefault(tuple(sorted(velocities)), Sum(at, time, weights))
+    return tuple(found.values())
+
+
+def _partings(slopes, depends, kinematic, twists, rates):
+    """Yield how far two bodies have parted, that nothing but the two feels.
+
+    That is as weights of states, (n_states,); then the state that counts it for both, the velocities of the
+    two, and whether both equations agree on it. Of two positions one body may feel its own besides: then the
+    other's counts.
+    """
+    n = slopes.shape[1]
+    for twist, ahead, other in twists:
+        if _felt(depends, kinematic, twist) == sorted((ahead, other)):
+            yield np.eye(n)[twist], twist, (ahead, other), True
+    for (v, a, _), (w, b, _) in permutations(rates, 2):
+        if _felt(depends, kinematic, a) != sorted((v, w)) or not depends[v, b]:
+            continue
+        by_a, by_b = slopes[:, [v, w], a], slopes[:, [v, w], b]
+        ratio = -by_b / by_a
+        if ratio[:, 0].min() > 0 and np.ptp(ratio[:, 0]) <= OPPOSED * ratio[:, 0].max():
+            alike = np.ptp(ratio) <= OPPOSED * np.abs(ratio).max()
+            yield np.eye(n)[a] - ratio[:, 0].mean() * np.eye(n)[b], a, (v, w), bool(alike)
+
+
+def _felt(depends: np.ndarray, kinematic: np.ndarray, state: int) -> list[int]:
+    """Return the equations that depend on a state, but for those that say what it is."""
+    return np.flatnonzero(depends[:, state] & ~kinematic).tolist()
+
+
+def _one_time(times: list[np.ndarray]) -> float | None:
+    """Return a time that is the same in all equations and at all points; None where it is not."""
+    values = np.array(times)
+    if not (values.size and np.all(np.isfinite(values))):
+        return None
+    return float(values.mean()) if np.ptp(values) <= OPPOSED * np.abs(values).max() else None
