@@ -77,6 +77,7 @@ def test_which_states_follow_an_input_and_drive_others():
         "dead_zone",
         "input_saturation",
         "input_polynomial",
+        "valve_stiction",
     }
 
 
@@ -112,6 +113,21 @@ def test_it_is_what_it_does_to_an_input(effect, values, theta):
     added = [effect.handed_on(s, 0.0, s, 0.0, 0.0, DT, unused, theta, unused) for s in values]
     at_input = effect.transform(signal, None, DT, theta, [0]) - signal
     np.testing.assert_allclose(added, at_input, rtol=1e-9, atol=1e-9)
+
+
+@given(
+    values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=20),
+    theta=st.tuples(*[st.floats(0.0, 2.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0)]),
+)
+def test_a_stem_that_sticks_behind_it_is_one_that_sticks_at_an_input(values, theta):
+    sticking = CATALOGUE["valve_stiction"]
+    signal, theta, z = np.array(values), np.array(theta), np.zeros(4)
+    stem = []
+    for value in signal:
+        now = np.zeros(4)
+        stem.append(value + sticking.handed_on(value, 0.0, value, 0.0, 0.0, DT, z, theta, now))
+        z = now
+    np.testing.assert_allclose(stem, sticking.transform(signal, None, DT, theta, [0]), atol=1e-12)
 
 
 def test_against_equations_that_have_it():

@@ -177,29 +177,46 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _stiction_run(values, stick, slip, again, begin):
-    """Return the stem along values; it rests at first, ``begin`` times what it may withhold off them.
+def _stem_after(move, command, stem, direction, stick, slip, again):
+    """Return the stem and the direction of its slide, 0 at rest, after a move of the command.
 
     At rest it bears a withheld move of (S + J)/2 either way, sliding it trails by (S - J)/2: so a reversal
     takes S and going on after a stop takes J. While the command goes on it may stick `again`: 0 for never, up
     to 1 for as much as at rest, so that the stem goes in steps of J.
     """
-    breakaway = 0.5 * (stick + slip)
     trailing = 0.5 * (stick - slip)
+    if move * direction <= 0.0:
+        direction = 0.0
+    withheld = command - stem
+    holding = 0.5 * (stick + slip) if direction == 0.0 else trailing + again * slip
+    if abs(withheld) > holding:
+        direction = 1.0 if withheld > 0.0 else -1.0
+        stem = command - direction * trailing
+    return stem, direction
+
+
+@kernel
+def _stiction_run(values, stick, slip, again, begin):
+    """Return the stem along values; it rests at first, ``begin`` times what it may withhold off them."""
     out = np.empty(values.size)
-    stem = values[0] + begin * breakaway
-    direction = 0.0  # of the slide; 0 at rest
+    stem, direction = values[0] + begin * 0.5 * (stick + slip), 0.0
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
-        withheld = values[k] - stem
-        if move * direction <= 0.0:
-            direction = 0.0
-        holding = breakaway if direction == 0.0 else trailing + again * slip
-        if abs(withheld) > holding:
-            direction = 1.0 if withheld > 0.0 else -1.0
-            stem = values[k] - direction * trailing
+        stem, direction = _stem_after(move, values[k], stem, direction, stick, slip, again)
         out[k] = stem
     return out
+
+
+@kernel
+def _stiction_handed_on(argument, rate, own, second, time, step, z, theta, dz):
+    """z holds the stem, the direction of its slide, the argument before, and last whether they have begun."""
+    stick, slip = theta[0], theta[0] * theta[1]
+    stem, direction, before = argument + theta[3] * 0.5 * (stick + slip), 0.0, argument
+    if z[3] > 0.0:
+        stem, direction, before = z[0], z[1], z[2]
+    stem, direction = _stem_after(argument - before, argument, stem, direction, stick, slip, theta[2])
+    dz[0], dz[1], dz[2], dz[3] = stem, direction, argument, 1.0
+    return stem - argument
 
 
 def _stiction_transform(signal, second, dt, theta, first):
@@ -328,8 +345,11 @@ CLEARANCE = (
         begin=3,
         starts=_stiction_starts,
         transform=_stiction_transform,
+        handed_on=_stiction_handed_on,
         output_port=False,
         amplitude=None,
+        n_memory=4,
+        jumps=True,
         lookalikes=("backlash", "dead_zone", "stuck_sensor", "quantisation"),
         holds=("backlash",),
         separate_by="a bump test in manual, and another controller gain",
