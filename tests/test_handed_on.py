@@ -252,6 +252,27 @@ def test_a_limit_of_how_fast_it_follows_is_named_in_its_equation():
 
 
 @pytest.mark.long
+def test_a_stem_that_sticks_is_named_behind_it():
+    stick, slip, at = 0.8, 0.3, [0.0, 0.0, 0.0]  # and the stem, the direction of its slide, the spool before
+
+    def stem_of(s):
+        stem, direction, before = at
+        direction = direction if (s - before) * direction > 0 else 0.0
+        withheld, trailing = s - stem, (stick - slip) / 2
+        if abs(withheld) > (trailing if direction else (stick + slip) / 2):
+            direction = np.sign(withheld)
+            stem = s - direction * trailing
+        at[:] = stem, direction, s
+        return stem
+
+    dx = diagnosed(behind=stem_of)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "valve_stiction", "state:0")
+    assert finding.parameters["S"] == pytest.approx(stick, rel=0.05)
+    assert finding.parameters["j"] == pytest.approx(slip / stick, rel=0.05)
+
+
+@pytest.mark.long
 def test_a_play_is_named_behind_it():
     dx = diagnosed(behind=play_of(0.3))
     finding = dx.findings_[0]

@@ -222,7 +222,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
 
 
 def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
-    """Return a diagnosis, or that with inputs in straight lines between samples, where that leaves less."""
+    """Return a diagnosis, or that with inputs in straight lines between samples, where that leaves less.
+
+    It has to be as simple: more effects may also mend what straight lines do to inputs that were held.
+    """
     if found.verdict in NOTHING_MISSING:
         return found
     nothing = Candidate(found.refitted, found.problem.n_seen)
@@ -234,7 +237,8 @@ def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, set
     straight = _diagnosed(other, u, y, pieces, settings)
     gained = priced(found.problem, found.law) - priced(straight.problem, straight.law)
     least = CLEARER if straight.verdict != "unknown" else max(CLEARER, LARGE * found.problem.n_seen)
-    return straight if gained > least else found
+    is_as_simple = straight.law.price <= found.law.price
+    return straight if is_as_simple and gained > least else found
 
 
 def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
