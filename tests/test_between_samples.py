@@ -29,6 +29,7 @@ def make(hold=None, gain=1.2, damping=0.8):
         inputs=["drive [V]"],
         outputs=["position [m]"],
         hold=hold,
+        substeps=4,
     )
 
 
@@ -116,7 +117,7 @@ def test_friction_is_named_alone(straight):
     y = slowly(u, friction=1.0, straight=straight) + NOISE * rng.standard_normal(u.size)
     dx = DiscrepancyRegressor(make(gain=1.1, damping=1.0), random_state=0).fit(u, y)
     (friction,) = dx.findings_
-    assert "coulomb_friction" in {friction.effect, *(a.effect for a in friction.alternatives)}
+    assert "coulomb_friction" in (friction.effect, *friction.lookalikes)
     assert friction.port == "state:1"
-    assert friction.parameters["Fc"] == pytest.approx(1.0, rel=0.05)
+    assert friction.parameters["Fc"] == pytest.approx(1.0, rel=0.1)
     assert any(f.code == "hold" for f in dx.data_findings_) == straight

@@ -117,7 +117,8 @@ def test_rates_are_slopes_of_polynomials_through_what_was_measured(record, lengt
 def test_a_stop_is_tried_wherever_it_is_met_for_a_hundredth_of_the_time():
     x = np.linspace(-1.0, 1.0, 1001) ** 9
     rest = np.zeros_like(x)
-    setting = Setting(x, rest, x, rest, np.arange(x.size) * DT, DT, np.array([0]), rest, rest, rest)
+    own = np.sin(np.arange(x.size) * DT)  # rate of the state, which a force acts on
+    setting = Setting(x, rest, own, rest, np.arange(x.size) * DT, DT, np.array([0]), rest, rest, rest)
     starts = CATALOGUE["clearance"].starts(setting)
     upper = starts[:, 1] + starts[:, 2]
     met = [np.mean(x > stop) for stop in upper if stop < x.max()]

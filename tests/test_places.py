@@ -191,9 +191,10 @@ class TestPlaces:
         ]  # it is a definition: no place for physics
         assert structure.twists == [(0, 1, 2)]
         placed = placements(CATALOGUE["clearance"], simulator, structure)
-        (between,) = (p for p in placed if not p.odd)
+        between, passed = (p for p in placed if not p.odd)
         assert (between.port, between.argument_name, between.onward) == (Port("state", 1), "twist", 2)
         assert between.share == pytest.approx(2.5)  # the load feels what the motor feels, over its inertia
+        assert (passed.port, passed.handed_on) == (Port("state", 0), True)  # in place of spring and damper
 
     @pytest.mark.parametrize(("units", "is_twist"), [("m m/s m/s", True), ("m m^3/s m^3/s", False)])
     def test_a_level_between_two_flows_is_no_twist(self, units, is_twist):

@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.search.confirm import CLEARER, OFFSET, clearer_noi
 from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
-from narx_sklearn.discrepancy.search.members import by_weight
+from narx_sklearn.discrepancy.search.members import by_weight, without
 from narx_sklearn.discrepancy.search.unnamed.kinds import is_unnamed
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
@@ -228,16 +228,17 @@ def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, set
     """
     if found.verdict in NOTHING_MISSING:
         return found
-    nothing = Candidate(found.refitted, found.problem.n_seen)
-    leaders = [nothing, *pool_of(found.steps)[:LEADERS]]
-    other = in_straight_lines(found.problem, found.law, leaders, settings.n_jobs)
+    problem, law = found.problem, found.law
+    simpler = [without(problem, law, [effect]) for effect in law.effects]
+    others = [*simpler, Candidate(found.refitted, problem.n_seen), *pool_of(found.steps)[:LEADERS]]
+    other = in_straight_lines(problem, law, others, settings.n_jobs)
     if other is None:
         return found
     settings.tell("again, with inputs in straight lines between samples")
     straight = _diagnosed(other, u, y, pieces, settings)
-    gained = priced(found.problem, found.law) - priced(straight.problem, straight.law)
-    least = CLEARER if straight.verdict != "unknown" else max(CLEARER, LARGE * found.problem.n_seen)
-    is_as_simple = straight.law.price <= found.law.price
+    gained = priced(problem, law) - priced(straight.problem, straight.law)
+    least = CLEARER if straight.verdict != "unknown" else max(CLEARER, LARGE * problem.n_seen)
+    is_as_simple = straight.law.price <= law.price
     return straight if is_as_simple and gained > least else found
 
 
