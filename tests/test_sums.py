@@ -141,15 +141,24 @@ def shaft(motor, load, ahead, p):
     return 50.0 * p[0] * ahead + p[1] * (motor - load)
 
 
-def by_twist(x, u, p):
-    torque = shaft(x[0], x[1], x[2], p)
-    return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
+def twisting(passed):
+    """Return a drive whose bodies are coupled by a torque, and which knows how far it is twisted."""
+
+    def train(x, u, p):
+        torque = passed(x[0], x[1], x[2], p)
+        return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
+
+    return train
 
 
-def by_positions(x, u, p):
-    """Behind a gear of three to one."""
-    torque = shaft(x[1], 3.0 * x[3], x[0] - 3.0 * x[2], p)
-    return x[1], u[0] - torque - 0.1 * x[1], x[3], 6.0 * torque - np.sin(x[2])
+def geared(passed):
+    """Return one that knows both positions, behind a gear of three to one, and a load with a weight."""
+
+    def train(x, u, p):
+        torque = passed(x[1], 3.0 * x[3], x[0] - 3.0 * x[2], p)
+        return x[1], u[0] - torque - 0.1 * x[1], x[3], 6.0 * torque - np.sin(x[2])
+
+    return train
 
 
 def undamped(x, u, p):
@@ -160,8 +169,8 @@ def undamped(x, u, p):
 @pytest.mark.parametrize(
     ("equations", "state", "weights"),
     [
-        (by_twist, 2, (0.0, 0.03, -0.03, 1.0)),
-        (by_positions, 0, (0.0, 1.0, 0.03, -3.0, -0.09)),
+        (twisting(shaft), 2, (0.0, 0.03, -0.03, 1.0)),
+        (geared(shaft), 0, (0.0, 1.0, 0.03, -3.0, -0.09)),
         (undamped, 2, (0.0, 0.0, 0.0, 1.0)),
     ],
 )
@@ -194,27 +203,16 @@ def loose(motor, load, ahead, p):
     return torque - min(max(torque, -50.0 * p[0] * GAP), 50.0 * p[0] * GAP)
 
 
-def loose_by_twist(x, u, p):
-    torque = loose(x[0], x[1], x[2], p)
-    return u[0] - torque - 0.1 * x[0], 2.0 * torque - 0.3 * x[1], x[0] - x[1]
-
-
-def loose_by_positions(x, u, p):
-    torque = loose(x[1], 3.0 * x[3], x[0] - 3.0 * x[2], p)
-    return x[1], u[0] - torque - 0.1 * x[1], x[3], 6.0 * torque - np.sin(x[2])
-
-
 @pytest.mark.parametrize(
-    ("equations", "written", "n", "name"),
-    [(by_twist, loose_by_twist, 3, "x2"), (by_positions, loose_by_positions, 4, "x0 - x2")],
+    ("drive", "n", "name"), [(twisting, 3, "x2"), (geared, 4, "x0 - x2")], ids=["twist", "positions"]
 )
-def test_a_clearance_in_a_coupling(equations, written, n, name):
-    simulator = plain(equations, n)
+def test_a_clearance_in_a_coupling(drive, n, name):
+    simulator = plain(drive(shaft), n)
     found = placements(CATALOGUE["clearance"], simulator, structure_of(simulator))
     (placed,) = (p.at([1.0, GAP, 0.0]) for p in found if p.handed_on)
     assert placed.argument_name == f"{name} + 0.03 s x its rate"
     u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 30), 10)
-    run, twin = simulator.with_effects([placed]).simulate(u), plain(written, n).simulate(u)
+    run, twin = simulator.with_effects([placed]).simulate(u), plain(drive(loose), n).simulate(u)
     np.testing.assert_allclose(run, twin, rtol=1e-5, atol=1e-6)
     assert np.abs(twin - simulator.simulate(u)).max() > 0.01 * np.std(twin)
 

@@ -304,8 +304,8 @@ def _simulate_windows(
     added to a state, which counts after the inputs, as all equations but its own have it (a second argument
     is there what the force depends on, a controller's output). Each acts in the steps that start between its
     times `begins` and `ends`, counted from where the session began or, `along` the record, from its first
-    sample. The equations jump by about twice an `authority` where one of the
-    `switches` @ x is zero, to within a `width`.
+    sample. The equations jump by about twice an `authority` where one of the `switches` @ x is zero, to
+    within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba

@@ -140,16 +140,17 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    follows = np.zeros(n, dtype=bool)
-    if not simulator.discrete and points.size:
-        alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
-        follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
+    none = np.zeros(n, dtype=bool)
     found = Structure(
-        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, follows
+        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, none
     )
     if simulator.discrete or not points.size:
         return found
+    alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
+    follows = none.copy()
+    follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
     return found._replace(
+        follows=follows,
         controllers=find_controllers(Jx, Ju, depends, driven),
         couplings=find_couplings(Jx, depends, kinematic, found.twists, found.rates, u.shape[1]),
     )

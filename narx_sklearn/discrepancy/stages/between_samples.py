@@ -7,6 +7,7 @@ it comes half a sample late, and that looks like physics where the noise is smal
 from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -25,16 +26,17 @@ def in_straight_lines(
     """Return the simulator with inputs in straight lines, where that is clearly likelier; else None.
 
     The best explanation may be what it is because inputs came late, so others are tried with straight lines
-    too.
+    too, as long as none is the likelier: they are asked for one by one.
     """
     simulator = problem.simulator
     if simulator.hold_is_told or not _moves_on(problem):
         return None
     straight = replace(problem, simulator=copy(simulator))
     straight.simulator.linear_hold = True
-    for candidate in (best, *others):
+    least = priced(problem, best) - CLEARER  # each under noise of its own
+    for candidate in chain([best], others):
         again = replace(candidate, fit=fit(straight, candidate.fit.model, n_jobs=n_jobs))
-        if priced(straight, again) < priced(problem, best) - CLEARER:  # each under noise of its own
+        if priced(straight, again) < least:
             return straight.simulator
     return None
 

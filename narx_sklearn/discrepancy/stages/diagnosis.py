@@ -229,9 +229,9 @@ def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, set
     if found.verdict in NOTHING_MISSING:
         return found
     problem, law = found.problem, found.law
-    simpler = [without(problem, law, [effect]) for effect in law.effects]
-    others = [*simpler, Candidate(found.refitted, problem.n_seen), *pool_of(found.steps)[:LEADERS]]
-    other = in_straight_lines(problem, law, others, settings.n_jobs)
+    simpler = (without(problem, law, [effect]) for effect in law.effects if len(law.effects) > 1)
+    leaders = [Candidate(found.refitted, problem.n_seen), *pool_of(found.steps)[:LEADERS]]
+    other = in_straight_lines(problem, law, chain(simpler, leaders), settings.n_jobs)
     if other is None:
         return found
     settings.tell("again, with inputs in straight lines between samples")
