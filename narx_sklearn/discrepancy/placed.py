@@ -155,9 +155,13 @@ class PlacedEffect:
 
     @property
     def place(self) -> tuple:
-        """Everything but the parameter values: two of one place are the same hypothesis."""
+        """Everything but the parameter values: two of one place are the same hypothesis.
+
+        In what sum a state comes with its rate the simulator's own parameters say.
+        """
         ways = self.onward, self.through, self.handed_on
-        return (self.effect.code, self.port, self.weights, self.second, *ways, self.during)
+        second = self.is_on_sum or self.second
+        return (self.effect.code, self.port, self.weights, second, *ways, self.during)
 
     @property
     def passes(self) -> bool:
@@ -231,6 +235,11 @@ class PlacedEffect:
     def tracks(self) -> bool:
         """Whether a controller's integral follows what is put out."""
         return self.onward >= 0 and self.handed_on
+
+    @property
+    def is_on_sum(self) -> bool:
+        """Whether it acts on what other equations have of a state in a sum with its rate."""
+        return self.handed_on and bool(self.second)
 
     @property
     def taken_onward(self) -> float:

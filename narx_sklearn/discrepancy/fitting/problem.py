@@ -18,6 +18,7 @@ from joblib import effective_n_jobs
 from narx_sklearn.discrepancy.noise import Noise, remembered
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, Windows
+from narx_sklearn.discrepancy.simulators.structure import Sums
 
 LINE, PARABOLA = (1, 8), (2, 12)  # degree and samples of what a rate is guessed by: at ease, and in a blow
 FLAT = 1e-9  # singular values below this share of the largest carry no information on an initial state
@@ -64,6 +65,7 @@ class Problem:
     noise: Noise
     rates: tuple[tuple[int, int, float], ...] = ()  # velocity, position, and the factor of its integral
     adds_up: tuple[bool, ...] = ()  # whether an integrator adds up what each output shows; none where empty
+    sums: Sums | None = None  # on which effects may act, as the simulator's own parameters have them
     rows: np.ndarray = field(init=False)  # (W, L) sample of each place, 0 where padded
     inside: np.ndarray = field(init=False)  # (W, L)
     seen: np.ndarray = field(init=False)  # (W, L, n_outputs)
@@ -129,7 +131,12 @@ class Problem:
 
     def run(self, model: Model, strength=None) -> Run:
         """Simulate all windows."""
+        model = self.tied(model)
         return self.simulator.run(self.u, self.windows, model.x0, model.p, model.effects, strength)
+
+    def tied(self, model: Model) -> Model:
+        """Return a model whose effects act on the sums that equations with its parameters have."""
+        return model if self.sums is None else model._replace(effects=self.sums.under(model.effects, model.p))
 
     def samples_of(self, run: Run) -> np.ndarray:
         """Return the samples inside the windows at which a run is finite, in order."""

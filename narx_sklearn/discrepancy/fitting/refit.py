@@ -128,7 +128,7 @@ def fit(
         if not (rough and (done >= iterations or converged)):
             at = _tangents(frame, now, x_steps, n_jobs)
     order = now.model.rising
-    model = now.model.with_q(now.model.q[order])
+    model = problem.tied(now.model.with_q(now.model.q[order]))
     n_begun = _felt_by_effects(problem, now, x_steps / SMALL)
     J, steps = at.projected[:, :, order], at.steps[order]
     return Fit(model, now.cost, r, J, at.projector, steps, converged, done, gained, n_begun)

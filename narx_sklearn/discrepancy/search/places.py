@@ -9,7 +9,6 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.simulators.sums import Sum
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import PARAMETER, Effect
 
@@ -53,7 +52,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
                 places += _on_the_move(effect, i, simulator, structure)
     if effect.following is not None:
         for i in np.flatnonzero(structure.follows).tolist():
-            places.append(placed_at(effect, Port("state", i), _alone(i, simulator)))
+            places.append(at_state(effect, i, simulator))
     all_of_it = [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
         for placed in places
@@ -101,47 +100,21 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
         return []
     if effect.argument == "position":
         coupled = []
-        for port, argument, coupling in in_couplings(simulator, structure):
-            placed = handed_on(placed_at(effect, port, argument), coupling)
+        for coupling in structure.couplings:
+            placed = coupling.under(at_state(effect, coupling.state, simulator), simulator)
             shown = structure.read[:, len(simulator.inputs) + coupling.state].any()
             coupled.append(placed if shown else _counted_from_zero(placed))
         return coupled
-    places = []
-    for port, argument, of in on_the_way(simulator, structure):
-        places.append(handed_on(placed_at(effect, port, argument), of))
-        if of is not None:
-            places.append(replace(places[-1], onward=of.state, share=1.0 / of.time))
+    places = [replace(at_state(effect, i, simulator), handed_on=True) for i in structure.handed_on]
+    for of in structure.controllers:
+        placed = of.under(at_state(effect, of.state, simulator), simulator)
+        places += [placed, replace(placed, onward=of.state, share=1.0 / of.time)]
     return places
 
 
-def on_the_way(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, Sum | None]]:
-    """Yield what is on its way to other equations: states that follow an input, and what controllers put out.
-
-    That is the state that those would have otherwise, what acts there depends on, and the sum of signals that
-    this is; None for the state alone.
-    """
-    for i in structure.handed_on:
-        yield Port("state", i), _alone(i, simulator), None
-    for of in structure.controllers:
-        yield Port("state", of.state), _with_rate(_alone(of.state, simulator), of.time), of
-
-
-def in_couplings(simulator: Simulator, structure: Structure) -> Iterator[tuple[Port, Argument, Sum]]:
-    """Yield what passes between two bodies that feel nothing else of each other, in the same way."""
-    for of in structure.couplings:
-        argument = _alone(of.state, simulator)
-        for j in np.flatnonzero(np.array(of.weights[len(simulator.inputs) :]) < 0).tolist():
-            if structure.partner[j] < 0 and structure.kinematic[j]:
-                argument = argument._replace(name=f"{argument.name} - {simulator.states[j].name}")
-        yield Port("state", of.state), _with_rate(argument, of.time), of
-
-
-def handed_on(placed: PlacedEffect, of: Sum | None) -> PlacedEffect:
-    """Return an effect at a state as one on what other equations have of it, or of its sum with its rate."""
-    if of is None:
-        return replace(placed, handed_on=True)
-    name, unit = placed.argument_name, placed.argument_unit
-    return replace(placed, handed_on=True, second=of.weights, second_name=name, second_unit=unit)
+def at_state(effect: Effect, i: int, simulator: Simulator) -> PlacedEffect:
+    """Return an effect at a state equation that depends on that state alone."""
+    return placed_at(effect, Port("state", i), alone(i, simulator))
 
 
 def _counted_from_zero(placed: PlacedEffect) -> PlacedEffect:
@@ -153,11 +126,8 @@ def _counted_from_zero(placed: PlacedEffect) -> PlacedEffect:
     return replace(placed, limits=tuple(limits))
 
 
-def _with_rate(argument: Argument, time: float) -> Argument:
-    return argument._replace(name=f"{argument.name} + {time:.4g} s x its rate") if time else argument
-
-
-def _alone(i: int, simulator: Simulator) -> Argument:
+def alone(i: int, simulator: Simulator) -> Argument:
+    """Return a state as what a force depends on."""
     return Argument(weights_of(len(simulator.states), {i: 1.0}), *simulator.states[i])
 
 

@@ -1,11 +1,12 @@
 """What the simulator's equations say about themselves: kinematics, who drives whom, which inputs are used."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.discrepancy.placed import Port
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
 from narx_sklearn.discrepancy.simulators.sums import Sum, find_controllers, find_couplings
@@ -16,6 +17,15 @@ STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are stra
 ALIKE = 1e-6  # relative difference below which a derivative counts as the same
 MOVED = 0.3  # of a parameter, that may move where a state rests
 UNEVEN = 0.01  # relative difference above which an input's gain is another one elsewhere
+
+
+class Probed(NamedTuple):
+    """A point at which derivatives were taken, and the differences that they were taken over."""
+
+    x: np.ndarray  # (n_states,)
+    u: np.ndarray  # (n_inputs,)
+    x_steps: np.ndarray  # (n_states,)
+    u_steps: np.ndarray  # (n_inputs,)
 
 
 class Structure(NamedTuple):
@@ -33,6 +43,7 @@ class Structure(NamedTuple):
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
     controllers: tuple[Sum, ...] = ()  # what those among the equations put out
     couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
+    probed: Probed | None = None  # one of the points at which all of this was found
 
     @property
     def twists(self) -> list[tuple[int, int, int]]:
@@ -149,11 +160,60 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic
     follows = none.copy()
     follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
+    probed = Probed(at_x, at_u, STEP * x_size, STEP * u_size)
+    return _with_sums(found._replace(follows=follows, probed=probed), Jx, Ju)
+
+
+def _with_sums(found: Structure, of_states: np.ndarray, of_inputs: np.ndarray) -> Structure:
+    """Return a structure with the sums that its equations have, from slopes of the rates at some points."""
+    n_inputs = of_inputs.shape[2]
     return found._replace(
-        follows=follows,
-        controllers=find_controllers(Jx, Ju, depends, driven),
-        couplings=find_couplings(Jx, depends, kinematic, found.twists, found.rates, u.shape[1]),
+        controllers=find_controllers(of_states, of_inputs, found.states, found.inputs),
+        couplings=find_couplings(
+            of_states, found.states, found.kinematic, found.twists, found.rates, n_inputs
+        ),
     )
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of a state and its rate that equations have, whatever their parameters are.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    structure : Structure
+        Found along a run of it.
+    """
+
+    simulator: Simulator
+    structure: Structure
+
+    def at(self, p: np.ndarray) -> dict[int, Sum]:
+        """Return the sums by the state at which something may be added to them."""
+        found, probed = self.structure, self.structure.probed
+        if probed is None or not (found.controllers or found.couplings):
+            return {}
+
+        def rates(x=probed.x, u=probed.u):
+            return evaluate(self.simulator, x, u, p)[0]
+
+        of_states = central_differences(lambda x: rates(x=x), probed.x, probed.x_steps)
+        of_inputs = central_differences(lambda u: rates(u=u), probed.u, probed.u_steps)
+        there = _with_sums(found, np.nan_to_num(of_states)[None], np.nan_to_num(of_inputs)[None])
+        return {of.state: of for of in (*there.controllers, *there.couplings)}
+
+    def under(self, effects: Sequence[PlacedEffect], p: np.ndarray) -> tuple[PlacedEffect, ...]:
+        """Return effects, those on such a sum with the one that equations with these parameters have."""
+        if not any(effect.is_on_sum for effect in effects):
+            return tuple(effects)
+        there = self.at(p)
+        return tuple(
+            there[effect.port.index].under(effect, self.simulator)
+            if effect.is_on_sum and effect.port.index in there
+            else effect
+            for effect in effects
+        )
 
 
 def _rests_where_told(simulator: Simulator, x: np.ndarray, u: np.ndarray, states: np.ndarray) -> np.ndarray:

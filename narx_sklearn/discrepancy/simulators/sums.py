@@ -5,10 +5,14 @@ clearance in the coupling.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
+
+from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 ALIKE = 1e-6  # relative difference below which a slope counts as the same
 OPPOSED = 1e-4  # of slopes by two positions, that they may differ by where their difference alone counts
@@ -24,7 +28,36 @@ class Sum(NamedTuple):
 
     state: int  # which those equations would have otherwise, were something added to the sum
     time: float  # T [s]
-    weights: tuple[float, ...]  # (n_inputs + n_states,) of inputs and states in the sum
+    own: tuple[float, ...]  # (n_states,) weights of states in x: that one, or a difference of two
+    rate: tuple[float, ...]  # (n_inputs + n_states,) weights of inputs and states in x'
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weights of inputs and states in the sum, (n_inputs + n_states,)."""
+        weights = self.time * np.array(self.rate)
+        weights[-len(self.own) :] += self.own
+        return tuple(weights.tolist())
+
+    def called(self, simulator: Simulator) -> str:
+        """Return the sum in words: "twist + 0.001 s x its rate"."""
+        name = simulator.states[self.state].name
+        for j in np.flatnonzero(np.array(self.own) < 0).tolist():
+            ratio = "" if abs(self.own[j] + 1.0) < OPPOSED else f"{-self.own[j]:.4g} x "
+            name += f" - {ratio}{simulator.states[j].name}"
+        return f"{name} + {self.time:.4g} s x its rate" if self.time else name
+
+    def under(self, placed: PlacedEffect, simulator: Simulator) -> PlacedEffect:
+        """Return an effect at the state as one on what other equations have of it, which is this sum."""
+        name, unit = self.called(simulator), simulator.states[self.state].unit
+        return replace(
+            placed,
+            handed_on=True,
+            second=self.weights,
+            argument_name=name,
+            argument_unit=unit,
+            second_name=name,
+            second_unit=unit,
+        )
 
 
 @np.errstate(divide="ignore", invalid="ignore")
@@ -58,9 +91,8 @@ def find_controllers(
         ]
         time = _one_time(times)
         if time is not None and time > 0.0:
-            weights = time * error.mean(axis=0)
-            weights[inputs.shape[1] + s] += 1.0
-            found.append(Sum(s, time, tuple(weights.tolist())))
+            own = np.eye(states.shape[0])[s]
+            found.append(Sum(s, time, tuple(own.tolist()), tuple(error.mean(axis=0).tolist())))
     return tuple(found)
 
 
@@ -96,8 +128,8 @@ def find_couplings(
         ]
         time = _one_time(times)
         if time is not None and (time > 0.0 or (is_sure and time == 0.0)):
-            weights = (*[0.0] * n_inputs, *(parted + time * rate).tolist())
-            found.setdefault(tuple(sorted(velocities)), Sum(at, time, weights))
+            rates_of_it = (*[0.0] * n_inputs, *rate.tolist())
+            found.setdefault(tuple(sorted(velocities)), Sum(at, time, tuple(parted.tolist()), rates_of_it))
     return tuple(found.values())
 
 

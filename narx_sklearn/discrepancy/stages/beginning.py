@@ -17,7 +17,7 @@ from narx_sklearn.discrepancy.fitting.start import (
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Simulator, Windows
-from narx_sklearn.discrepancy.simulators.structure import Structure, find_structure
+from narx_sklearn.discrepancy.simulators.structure import Structure, Sums, find_structure
 from narx_sklearn.discrepancy.simulators.windows import (
     LONGEST,
     Pace,
@@ -84,7 +84,8 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
             f"No stretch of the record without gaps has the {shortest} samples that a fitting window needs. "
             "Pass a longer record."
         )
-    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), structure.rates, pace.adds_up)
+    known = structure.rates, pace.adds_up, Sums(simulator, structure)
+    problem = Problem(simulator, u, y, windows, Noise.as_large_as(y), *known)
     settings.tell("fit of the simulator's own parameters")
     refitted = fit_where_followed(problem, _as_it_stands(problem, structure, x), n_jobs=settings.n_jobs)
     begun = _Fitted(problem, refitted, length)

@@ -9,12 +9,10 @@ from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.places import (
     Argument,
+    alone,
     arguments,
     beside_inputs,
-    handed_on,
-    in_couplings,
     moving,
-    on_the_way,
     weights_of,
 )
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
@@ -50,10 +48,14 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
     of_all = np.column_stack([u, x])
-    for port, argument, of in (*on_the_way(simulator, structure), *in_couplings(simulator, structure)):
-        curve = curve_at(port, argument, x[:, port.index] if of is None else of_all @ np.array(of.weights))
+    for i in structure.handed_on:
+        curve = curve_at(Port("state", i), alone(i, simulator), x[:, i])
         if curve is not None:
-            found.append(curve._replace(placed=handed_on(curve.placed, of)))
+            found.append(curve._replace(placed=replace(curve.placed, handed_on=True)))
+    for of in (*structure.controllers, *structure.couplings):
+        curve = curve_at(Port("state", of.state), alone(of.state, simulator), of_all @ np.array(of.weights))
+        if curve is not None:
+            found.append(curve._replace(placed=of.under(curve.placed, simulator)))
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)
