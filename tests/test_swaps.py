@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import reordered
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import coloured_search
-from narx_sklearn.discrepancy.stages.swaps import special_cases, swaps
+from narx_sklearn.discrepancy.stages.swaps import special_cases, swaps, untried
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -144,6 +144,35 @@ def test_few_are_tried(problem, monkeypatch):
     everything = swaps(problem, best, [best], alike)
     monkeypatch.setattr("narx_sklearn.discrepancy.stages.swaps.SWAPS", 1)
     assert len(swaps(problem, best, [best], alike)) == 1 < len(everything)
+
+
+class TestWhatNobodyTriedYet:
+    asymmetric = at_velocity("asymmetric_friction", 0.1, 0.0)
+
+    def test_look_alikes_of_a_member_begin_from_the_parameters_beside_it(self, problem):
+        best = fitted(problem, self.asymmetric)
+        found = untried(problem, best, [best], RIVALS)
+        assert CATALOGUE["coulomb_friction"].code in self.asymmetric.effect.lookalikes
+        assert codes(found) == [["coulomb_friction"]]  # a drag is no look-alike
+        assert found[0].fit.cost == pytest.approx(best.fit.cost, rel=0.01)
+
+    def test_what_holds_one_that_comes_near_is_tried_after_it(self, problem):
+        best = fitted(problem, self.asymmetric)
+        stribeck = hypothesis(at_velocity("stribeck_friction", 0.1, 1.2, 0.1, 2.0))
+        alone = {c.effects[0].effect.code for c in untried(problem, best, [best], [stribeck])}
+        assert "coulomb_friction" in stribeck.placed.effect.holds
+        both = {c.effects[0].effect.code for c in untried(problem, best, [best], [*RIVALS, stribeck])}
+        assert both == {"coulomb_friction", "stribeck_friction"}
+        assert alone <= {"stribeck_friction"}
+
+    def test_what_was_fitted_before_is_not_fitted_again(self, problem):
+        best, known = fitted(problem, self.asymmetric), fitted(problem, COULOMB)
+        assert untried(problem, best, [best, known], RIVALS) == []
+
+    def test_the_others_of_the_set_stay(self, problem):
+        best = fitted(problem, LOAD, self.asymmetric)
+        found = untried(problem, best, [best], RIVALS)
+        assert ["constant_load", "coulomb_friction"] in codes(found)
 
 
 def test_noise_is_estimated_beside_what_is_likeliest_under_noise_of_its_own(problem, monkeypatch):

@@ -7,14 +7,16 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from narx_sklearn.discrepancy.fitting.problem import Problem
-from narx_sklearn.discrepancy.fitting.refit import fit
+from narx_sklearn.discrepancy.fitting.refit import Fit, fit, fit_states
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.search.bank import directions, effect_column, make_bank, moved_for, off
+from narx_sklearn.discrepancy.search.bank import directions, effect_column, entered, make_bank, moved_for, off
 from narx_sklearn.discrepancy.search.candidate import FINE, HARDLY, Candidate
+from narx_sklearn.discrepancy.search.explain import in_reach, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
 
 SWAPS = 6  # effects that are tried in the place of a member because they would change the run alike
+LAWS = ("look-alike", "general")  # that nobody tried yet: the latter where the former comes near
 LEFT = 0.1  # share of what a member changes that another may leave, for it to be tried
 
 
@@ -111,6 +113,59 @@ def swaps(
     return Parallel(n_jobs=n_jobs, prefer="threads")(
         delayed(_swapped)(problem, best, i, rival) for i, rival in tried
     )
+
+
+def untried(
+    problem: Problem,
+    best: Candidate,
+    pool: Sequence[Candidate],
+    hypotheses: Sequence[Hypothesis],
+    n_jobs: int | None = None,
+) -> list[Candidate]:
+    """Return a set refitted with look-alikes of its members in their places that no set of the pool has.
+
+    What leads is told about the simulator without effects, whose parameters may have gone far to make up for
+    what is missing: there the friction of a stem that follows a pressure does next to nothing. Those that the
+    catalogue calls a member's look-alikes begin from the set's own; and where they come near, what holds them
+    as a special case.
+    """
+    known = {frozenset(c.places) for c in (best, *pool)}
+    found = []
+    for i, member in enumerate(best.effects):
+        kept = (*best.effects[:i], *best.effects[i + 1 :])
+        there = {effect.place for effect in kept}
+        others = [
+            h
+            for h in hypotheses
+            if _may_replace(h, best, kept) and frozenset({h.placed.place, *there}) not in known
+        ]
+        beside, names = None, set(member.effect.lookalikes)
+        for _ in LAWS:
+            rivals = [h for h in others if h.placed.effect.code in names]
+            if not rivals:
+                break
+            beside = beside or fit_states(problem, best.fit.model._replace(effects=kept))
+            placed = _promising(problem, beside, rivals, n_jobs)
+            fitted = refit_leaders(problem, beside, placed, n_jobs, finished=2, twins=0, ahead_of_all=best)
+            found += fitted
+            near = {c.effects[-1].effect.code for c in fitted if in_reach(c, best, beside)}
+            names = {h.placed.effect.code for h in others if near & set(h.placed.effect.holds)} - names
+    return found
+
+
+def _promising(
+    problem: Problem, beside: Fit, rivals: Sequence[Hypothesis], n_jobs: int | None
+) -> list[PlacedEffect]:
+    """Return the few that leave least where they enter, each from its best start."""
+    run = problem.run(beside.model)
+
+    def begun(rival: Hypothesis) -> tuple[float, PlacedEffect]:
+        started = [rival.placed.at(start) for start in rival.starts]
+        left = [entered(problem, beside, run, placed).left for placed in started]
+        return min(left), started[int(np.argmin(left))]
+
+    found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(begun)(rival) for rival in rivals)
+    return [placed for _, placed in sorted(found, key=lambda pair: pair[0])[:SWAPS]]
 
 
 def _one_a_name(alike: list[tuple[float, PlacedEffect]]) -> list[tuple[float, PlacedEffect]]:
