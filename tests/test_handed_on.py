@@ -1,5 +1,7 @@
 """What acts behind an actuator's own lag: between a spool and what flows, a motor and what it turns."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.as_narx import effect_regressors
-from narx_sklearn.discrepancy.findings import parameter_units
+from narx_sklearn.discrepancy.findings import parameter_units, place_in_words
 from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.places import placements
@@ -38,13 +40,20 @@ def make(equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
 
 def slowly(u, before=lambda s: s, follows=lambda v: v, behind=lambda s: s):
     """Return the speed at each sample, by small steps of Euler's kind: an independent twin."""
-    speed, spool, speeds, h = 0.0, 0.0, [], DT / 20
+    return with_flow(u, before, follows, behind)[:, 0]
+
+
+def with_flow(u, before=lambda s: s, follows=lambda v: v, behind=lambda s: s):
+    """Return the speed and the flow at each sample."""
+    speed, spool, told, h = 0.0, 0.0, [], DT / 20
     for command in u:
-        speeds.append(speed)
-        for _ in range(20):
-            speed += h * (6.0 * behind(spool) * (1.0 - 0.1 * speed) - 2.0 * speed)
+        for step in range(20):
+            passed = behind(spool)
+            if step == 0:
+                told.append((speed, 6.0 * passed))
+            speed += h * (6.0 * passed * (1.0 - 0.1 * speed) - 2.0 * speed)
             spool += h * follows((before(command) - spool) / 0.08)
-    return np.array(speeds)
+    return np.array(told)
 
 
 def play_of(half_width):
@@ -115,19 +124,40 @@ def test_it_is_what_it_does_to_an_input(effect, values, theta):
     np.testing.assert_allclose(added, at_input, rtol=1e-9, atol=1e-9)
 
 
-@given(
-    values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=20),
-    theta=st.tuples(*[st.floats(0.0, 2.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0)]),
-)
-def test_a_stem_that_sticks_behind_it_is_one_that_sticks_at_an_input(values, theta):
-    sticking = CATALOGUE["valve_stiction"]
-    signal, theta, z = np.array(values), np.array(theta), np.zeros(4)
+def stem_along(values, theta):
+    """Return the stem at values that a spool goes through one after another."""
+    sticking, z = CATALOGUE["valve_stiction"], np.zeros(4)
     stem = []
-    for value in signal:
+    for value in values:
         now = np.zeros(4)
         stem.append(value + sticking.handed_on(value, 0.0, value, 0.0, 0.0, DT, z, theta, now))
         z = now
-    np.testing.assert_allclose(stem, sticking.transform(signal, None, DT, theta, [0]), atol=1e-12)
+    return np.array(stem)
+
+
+@given(
+    values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=20),
+    theta=st.tuples(*[st.floats(0.0, 2.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0)]),
+)
+def test_a_stem_that_slides_behind_it_is_one_that_slides_at_an_input(values, theta):
+    sticking, theta = CATALOGUE["valve_stiction"], np.array([*theta[:2], 0.0, theta[2]])
+    at_input = sticking.transform(np.array(values), None, DT, theta, [0])
+    np.testing.assert_allclose(stem_along(values, theta), at_input, atol=1e-12)
+
+
+@given(
+    values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=8),
+    theta=st.tuples(*[st.floats(0.3, 2.0), st.floats(0.2, 1.0), st.floats(0.3, 1.0), st.floats(-1.0, 1.0)]),
+)
+def test_a_stem_that_sticks_again_goes_in_steps_however_far_the_spool_goes_in_one(values, theta):
+    """At an input it is where the command jumped to; a spool gets there through all values between."""
+    theta, finely = np.array(theta), [values[0]]
+    for before, after in pairwise(values):
+        finely += np.linspace(before, after, 501)[1:].tolist()
+    off = np.abs(stem_along(values, theta) - stem_along(finely, theta)[::500])
+    of_a_step = 8.0 / 500  # that the spool may have gone on when it is asked
+    step = theta[0] * theta[1] * theta[2]
+    assert np.all((off <= of_a_step + 1e-9) | (np.abs(off - step) <= of_a_step + 1e-9))
 
 
 def test_against_equations_that_have_it():
@@ -163,6 +193,65 @@ def test_a_play_behind_it_is_that_of_the_state():
     passed = play_of(0.3)
     told = slowly(u, behind=passed)
     assert np.abs(run.x[:, 1] - told).max() < 0.02 * np.std(told)  # of the step in which it begins
+
+
+def measured(flow=lambda x, u, p: p[1] * x[0], equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
+    """Return the cylinder with a meter of what flows, which is made of where the spool is."""
+
+    def shown(x, u, p):
+        return x[1], flow(x, u, p)
+
+    return ODESimulator(
+        equations,
+        dt=DT,
+        parameters={"lag [s]": lag, "gain [m/s^2/V]": gain, "damping [1/s]": damping},
+        states=["spool [V]", "speed [m/s]"],
+        inputs=["valve [V]"],
+        outputs=["speed [m/s]", "flow [l/min]"],
+        output=shown,
+    )
+
+
+@pytest.mark.parametrize("code", ["dead_zone", "backlash"])
+def test_outputs_made_of_the_state_may_have_it_too(code):
+    """A meter behind a valve shows what gets through it, one on the spool where that is."""
+    simulator = measured()
+    found = placements(CATALOGUE[code], simulator, structure_of(simulator))
+    hidden, seen = (p for p in found if p.handed_on)
+    assert (hidden.is_seen, seen.is_seen) == (False, True)
+    assert hidden.place != seen.place
+    theta = [0.3, 0.0, 0.0] if code == "dead_zone" else [1.0, 0.3, 0.0, 0.0]
+    u = np.repeat(np.random.default_rng(2).uniform(-2, 2, 25), 8)
+    speed, flow = simulator.with_effects([seen.at(theta)]).simulate(u).T
+    run = simulator.with_effects([hidden.at(theta)]).run(
+        u[:, None], Windows.whole([slice(0, u.size)]), np.zeros((1, 2))
+    )
+    np.testing.assert_allclose(speed, run.y[:, 0], atol=1e-12)
+    spool = run.x[:, 0]
+    np.testing.assert_allclose(run.y[:, 1], 6.0 * spool)
+    play = play_of(0.3)
+    behind = spool - np.clip(spool, -0.3, 0.3) if code == "dead_zone" else [play(s) for s in spool]
+    np.testing.assert_allclose(flow, 6.0 * np.array(behind), atol=0.02)
+    assert place_in_words(seen, simulator) == "behind spool, as the other equations and the outputs have it"
+
+
+def test_a_sensor_that_lags_has_it_between_samples_too():
+    """It is asked half a sample on, and a whole one: there the same is handed on."""
+
+    def bent(spool):
+        return spool + 0.2 * spool**2
+
+    def written(x, u, p):
+        return (u[0] - x[0]) / p[0], p[1] * bent(x[0]) * (1.0 - 0.1 * x[1]) - p[2] * x[1]
+
+    simulator, twin = measured(), measured(lambda x, u, p: p[1] * bent(x[0]), written)
+    found = placements(CATALOGUE["input_polynomial"], simulator, structure_of(simulator))
+    seen = next(p for p in found if p.is_seen).at([0.2, 0.0, 0.0])
+    lag = PlacedEffect(CATALOGUE["lag"], Port("output", 1)).at([0.05, 0.0, 0.0])
+    u = np.repeat(np.random.default_rng(2).uniform(-2, 2, 25), 8)
+    shown, wanted = simulator.with_effects([seen, lag]).simulate(u), twin.with_effects([lag]).simulate(u)
+    np.testing.assert_allclose(shown, wanted, atol=1e-3)
+    assert np.abs(wanted - simulator.with_effects([lag]).simulate(u)).max() > 1.0
 
 
 def test_how_fast_it_follows_may_be_limited():
@@ -204,12 +293,14 @@ def test_an_effect_of_ones_own_may_act_there():
         CATALOGUE.pop("test_halved", None)
 
 
-def diagnosed(**what):
+def diagnosed(meter=False, **what):
     """Return the diagnosis of a cylinder; a valve has something before its spool's lag, in it or behind."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.uniform(-2.0, 2.0, 150), 12)
-    y = slowly(u, **what) + 0.05 * rng.standard_normal(u.size)
-    return DiscrepancyRegressor(make(lag=0.07, gain=5.4, damping=2.2), random_state=0).fit(u, y)
+    simulator, run = (measured, with_flow) if meter else (make, slowly)
+    y = run(u, **what)
+    y = y + 0.03 * np.std(y, axis=0) * rng.standard_normal(y.shape)
+    return DiscrepancyRegressor(simulator(lag=0.07, gain=5.4, damping=2.2), random_state=0).fit(u, y)
 
 
 @pytest.mark.parametrize(
@@ -251,11 +342,11 @@ def test_a_limit_of_how_fast_it_follows_is_named_in_its_equation():
     assert finding.parameters["r"] == pytest.approx(12.0, rel=0.05)
 
 
-@pytest.mark.long
-def test_a_stem_that_sticks_is_named_behind_it():
-    stick, slip, at = 0.8, 0.3, [0.0, 0.0, 0.0]  # and the stem, the direction of its slide, the spool before
+def stem_of(stick, slip):
+    """Return a function that says where a stem is which sticks, and slides when it is let go."""
+    at = [0.0, 0.0, 0.0]  # the stem, the direction of its slide, the spool before
 
-    def stem_of(s):
+    def follows(s):
         stem, direction, before = at
         direction = direction if (s - before) * direction > 0 else 0.0
         withheld, trailing = s - stem, (stick - slip) / 2
@@ -265,11 +356,19 @@ def test_a_stem_that_sticks_is_named_behind_it():
         at[:] = stem, direction, s
         return stem
 
-    dx = diagnosed(behind=stem_of)
+    return follows
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("meter", [False, True])
+def test_a_stem_that_sticks_is_named_behind_it(meter):
+    """A meter of what flows shows the stem itself."""
+    dx = diagnosed(meter, behind=stem_of(0.8, 0.3))
     finding = dx.findings_[0]
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", "valve_stiction", "state:0")
-    assert finding.parameters["S"] == pytest.approx(stick, rel=0.05)
-    assert finding.parameters["j"] == pytest.approx(slip / stick, rel=0.05)
+    assert ("and the outputs have it" in dx.report_) == meter
+    assert finding.parameters["S"] == pytest.approx(0.8, rel=0.05)
+    assert finding.parameters["j"] == pytest.approx(0.3 / 0.8, rel=0.05)
 
 
 @pytest.mark.long

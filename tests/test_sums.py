@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
-from narx_sklearn.discrepancy.findings import argument_told, parameter_names, parameter_units, place_in_words
+from narx_sklearn.discrepancy.findings import (
+    argument_told,
+    build_in_words,
+    parameter_names,
+    parameter_units,
+    place_in_words,
+)
 from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
@@ -16,6 +22,8 @@ from narx_sklearn.discrepancy.simulators.structure import Sums, find_structure
 from narx_sklearn.physics.effects import CATALOGUE
 
 DT = 0.01
+PARTS = 50  # of a step, in which the twins go
+FINE = DT / PARTS
 KP, KI = 0.8, 6.0
 GAP = 0.02
 NOMINAL = {"kt [N m/A]": 0.5, "damping [N m s]": 0.02, "inertia [kg m^2]": 0.012, "resistance [ohm]": 1.1}
@@ -295,6 +303,107 @@ def test_how_fast_the_integral_follows_is_told():
     assert parameter_units(placed, make())[-1] == "1/s"
 
 
+def dead_time(late):
+    held = [0.0] * round(late / FINE)
+
+    def arrives(asked):
+        held.append(asked)
+        return held.pop(0)
+
+    return arrives
+
+
+def lagging(late):
+    at = [0.0]
+
+    def arrives(asked):
+        at[0] += FINE * (asked - at[0]) / late
+        return at[0]
+
+    return arrives
+
+
+def limited(rate):
+    at = [0.0]
+
+    def arrives(asked):
+        at[0] += min(max(asked - at[0], -rate * FINE), rate * FINE)
+        return at[0]
+
+    return arrives
+
+
+def late(code, simulator=None):
+    """Return what makes the output of the motor's controller arrive late."""
+    simulator = simulator or make()
+    found = placements(CATALOGUE[code], simulator, structure_of(simulator))
+    (placed,) = (p for p in found if p.handed_on)
+    return placed
+
+
+@pytest.mark.parametrize(
+    ("placed", "arrives"),
+    [
+        *[(("delay", T, 0.0), dead_time(T)) for T in (0.002, 0.005, 0.01, 0.0124, 0.03)],
+        (("lag", 0.03, 0.0, 0.0), lagging(0.03)),
+        (("rate_limit", 250.0 / KI, 0.0, 0.0), limited(250.0)),
+    ],
+    ids=lambda case: f"{case[0]}-{case[1]:.4g}" if isinstance(case, tuple) else "",
+)
+def test_what_is_put_out_may_arrive_late(placed, arrives):
+    """Also by parts of a step, though it jumps where the reference does: as a twin has it in small steps."""
+    code, *theta = placed
+    u = np.repeat([0.0, *np.random.default_rng(1).uniform(-40, 40, 30)], 30)
+    speed = make().with_effects([late(code).at(theta)]).simulate(u)[:, 0]
+    told, without = slowly(u, tuple(NOMINAL.values()), arrives), make().simulate(u)[:, 0]
+    assert np.std(speed - told) < 0.01 * np.std(told) < 0.5 * np.std(without - told)
+
+
+def test_a_dead_time_of_nothing_is_none():
+    """A fit may begin at any: what is put out arrives the same way from nothing on."""
+    u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 30), 30)
+    at_once, hardly, none = (
+        make().with_effects(effects).simulate(u)[:, 0]
+        for effects in ([late("delay").at([0.0, 0.0])], [late("delay").at([1e-9, 0.0])], [])
+    )
+    np.testing.assert_array_equal(at_once, none)
+    assert np.std(hardly - none) < 0.002 * np.std(none)
+
+
+def test_nothing_but_how_late_it_is_has_a_meaning_there():
+    placed = late("rate_limit").at([40.0, 0.3, 1.0])
+    assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0]]
+    assert (placed.n_values, placed.n_memory) == (1, 1)
+    assert late("delay").at([0.1, 0.0]).dead_time == 0.1
+    assert placed.dead_time is None
+    assert parameter_units(placed, make())[0] == "rad/s"
+    assert build_in_words(placed, placed.bounds) == ""
+
+
+def test_what_arrives_late_is_told_sample_by_sample():
+    u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 20), 30)
+    simulator = make().with_effects([late("delay").at([0.02, 0.0])])
+    whole = Windows.whole([slice(0, u.size)])
+    run = simulator.run(u[:, None], whole, np.zeros((1, 3)))
+    rows = np.arange(3, u.size)
+    argument, added = state_forces(simulator, run, u[:, None], whole, rows)[0]
+    put_out = KP / KI * (u - run.x[:, 0]) + run.x[:, 2]
+    np.testing.assert_allclose(argument, put_out[3:], rtol=1e-6)
+    np.testing.assert_allclose(added, put_out[1:-2] - put_out[3:], rtol=1e-5, atol=1e-5)
+
+
+def test_what_is_only_late_is_the_same_before_an_actuator():
+    """There it has its place, and behind the actuator none."""
+
+    def cylinder(x, u, p):
+        return (u[0] - x[0]) / p[0], p[1] * x[0] - x[1]
+
+    structure = of(cylinder, 2)
+    assert structure.handed_on == [0]
+    places = placements(CATALOGUE["lag"], plain(cylinder, 2), structure)
+    assert not any(placed.handed_on for placed in places)
+
+
 def test_a_curve_is_tried_there_too():
     u = np.random.default_rng(0).normal(size=(200, 1))
     run = make().run(u, Windows.whole([slice(0, 200)]), np.zeros((1, 3)))
@@ -304,23 +413,28 @@ def test_a_curve_is_tried_there_too():
     assert found.placed.second == structure.controllers[0].weights
 
 
-def diagnosed(put_out, tracking=0.0):
-    """Return the diagnosis of a motor by its speed; an independent twin in small steps of Euler's kind."""
-    rng = np.random.default_rng(1)
-    u = np.repeat(rng.uniform(-40, 40, 60), 40)
+def slowly(u, parameters, put_out, tracking=0.0):
+    """Return the speed of the motor at each sample: an independent twin in small steps of Euler's kind."""
     speed = current = integral = 0.0
-    kt, damping, inertia, resistance = TRUE
-    y, h = [], DT / 50
+    kt, damping, inertia, resistance = parameters
+    y = []
     for reference in u:
         y.append(speed)
-        for _ in range(50):
+        for _ in range(PARTS):
             asked = KP * (reference - speed) + KI * integral
             voltage = put_out(asked)
             torque = kt * current - damping * speed
-            current += h * (voltage - resistance * current - kt * speed) / 0.02
-            integral += h * (reference - speed + tracking * (voltage - asked) / KI)
-            speed += h * torque / inertia
-    y = np.array(y) + 0.3 * rng.standard_normal(u.size)
+            current += FINE * (voltage - resistance * current - kt * speed) / 0.02
+            integral += FINE * (reference - speed + tracking * (voltage - asked) / KI)
+            speed += FINE * torque / inertia
+    return np.array(y)
+
+
+def diagnosed(put_out, tracking=0.0):
+    """Return the diagnosis of a motor by its speed."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-40, 40, 60), 40)
+    y = slowly(u, TRUE, put_out, tracking) + 0.3 * rng.standard_normal(u.size)
     return DiscrepancyRegressor(make(), random_state=0).fit(u, y)
 
 
@@ -331,6 +445,7 @@ def diagnosed(put_out, tracking=0.0):
         pytest.param(
             "dead_zone", lambda v: v - min(max(v, -3.0), 3.0), {"d": 3.0 / KI}, marks=pytest.mark.long
         ),
+        pytest.param("rate_limit", limited(250.0), {"r": 250.0 / KI}, marks=pytest.mark.long),
     ],
 )
 def test_it_is_named_behind_the_controller(effect, put_out, told):
@@ -339,6 +454,43 @@ def test_it_is_named_behind_the_controller(effect, put_out, told):
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", effect, "state:2")
     for name, value in told.items():
         assert finding.parameters[name] == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.long
+def test_a_torque_that_arrives_late_is_named_where_the_loop_is_closed_by_it():
+    """Two loops, one in the other, by measured place and speed: nothing before them does the same."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 40), 100)
+    (kpp, kpv, kiv), (inertia, friction), h = (18.0, 4.0, 60.0), (0.05, 0.14), 0.001 / 20
+    place = speed = integral = 0.0
+    held, y = [0.0] * 124, []  # 6.2 ms
+    for reference in u:
+        y.append((place, speed))
+        for _ in range(20):
+            error = kpp * (reference - place) - speed
+            held.append(kpv * error + kiv * integral)
+            place += h * speed
+            speed += h * (held.pop(0) - friction * speed) / inertia
+            integral += h * error
+
+    def table(x, u, p):
+        error = p[2] * (u[0] - x[0]) - x[1]
+        return x[1], (p[3] * error + p[4] * x[2] - p[1] * x[1]) / p[0], error
+
+    simulator = ODESimulator(
+        table,
+        dt=0.001,
+        parameters={"J": 0.045, "b": 0.12, "kpp": 18.0, "kpv": 4.0, "kiv": 60.0},
+        states=["place [rad]", "speed [rad/s]", "integral [rad]"],
+        inputs=["reference [rad]"],
+        outputs=["place [rad]", "speed [rad/s]"],
+        output=[0, 1],
+    )
+    y = np.array(y) + [0.0012, 0.05] * rng.standard_normal((u.size, 2))
+    dx = DiscrepancyRegressor(simulator, random_state=0).fit(u, y)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "delay", "state:2")
+    assert finding.parameters["T"] == pytest.approx(0.0062, rel=0.03)
 
 
 @pytest.mark.long

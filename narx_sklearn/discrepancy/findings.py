@@ -521,6 +521,8 @@ def build_in_words(placed: PlacedEffect, sure: np.ndarray) -> str:
     at = placed.effect.choice if placed.effect.form is None else placed.effect.form
     if at is None or tuple(placed.effect.parameters[at][2:4]) != (0.0, 1.0):  # a shape, as of a ripple
         return ""
+    if placed.put_out or placed.is_how_it_follows:  # within the equations it goes on
+        return ""
     low, high = sure[at]
     name = placed.effect.parameters[at].name
     if low <= 0.0 and high >= 1.0:
@@ -558,7 +560,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     if placed.handed_on:
         name = simulator.states[placed.port.index].name
         follows = f"; {name} follows what is left" if placed.tracks else ""
-        return f"behind {placed.argument_name}, as the other equations have it{follows}"
+        and_outputs = " and the outputs" if placed.is_seen else ""
+        return f"behind {placed.argument_name}, as the other equations{and_outputs} have it{follows}"
     if placed.reacts and placed.theta and not placed.theta[-1]:
         return words  # the neighbour does not feel it
     if placed.reacts:

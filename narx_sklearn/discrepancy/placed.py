@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.physics.effects import PARAMETER, PORTS, Effect
+from narx_sklearn.physics.effects import PARAMETER, PORTS, Effect, PutOut
 
 
 class Span(NamedTuple):
@@ -99,6 +99,9 @@ class PlacedEffect:
         Whether it changes what all other equations have of the port's state, and not that state's own
         equation. The state follows an input; or it comes in a sum with its rate, as the integral of a
         controller does in what that puts out, and the effect depends on that sum, the ``second``.
+    is_seen : bool
+        Whether what is handed on is so in outputs too: those made of the port's state have what other
+        equations have.
     inertial : bool
         In a map: whether the argument is the rate of the port's signal, from its last two values. The force
         is then an acceleration, and ``dt**2`` of it is added to the signal.
@@ -123,6 +126,7 @@ class PlacedEffect:
     share: float = 0.5
     through: int = -1
     handed_on: bool = False
+    is_seen: bool = False
     inertial: bool = False
     odd: bool = False
     during: Span = ALWAYS
@@ -159,7 +163,7 @@ class PlacedEffect:
 
         In what sum a state comes with its rate the simulator's own parameters say.
         """
-        ways = self.onward, self.through, self.handed_on
+        ways = self.onward, self.through, self.handed_on, self.is_seen
         second = self.is_on_sum or self.second
         return (self.effect.code, self.port, self.weights, second, *ways, self.during)
 
@@ -196,8 +200,8 @@ class PlacedEffect:
         choice = () if self.effect.choice is None else (self.effect.choice,)
         for k in (*choice, *self.effect.chosen) if self.theta else ():
             limits[k] = (self.theta[k],) * 2
-        if self.is_how_it_follows:
-            for k in {self.effect.begin, *choice} - {None}:
+        if self.is_how_it_follows or self.put_out:
+            for k in {self.effect.begin, self.effect.form, *choice} - {None}:
                 limits[k] = (0.0, 0.0)
         if self.port.kind == "input" or self.handed_on:
             given = [p.at_input for p in self.effect.parameters]
@@ -217,9 +221,27 @@ class PlacedEffect:
     @property
     def force(self):
         """Function of the force at a state port, or of what is added to a state that is handed on."""
+        if self.put_out is not None:
+            return self.put_out.force
         if self.handed_on:
             return self.effect.handed_on or self.effect.force
         return self.effect.force or self.effect.following
+
+    @property
+    def put_out(self) -> PutOut | None:
+        """What makes a controller's output arrive later, where it does that; None for all else."""
+        return self.effect.put_out if self.handed_on and self.effect.handed_on is None else None
+
+    @property
+    def n_memory(self) -> int:
+        """States of its own, where it acts."""
+        return self.effect.n_memory if self.put_out is None else self.put_out.n_memory
+
+    @property
+    def dead_time(self) -> float | None:
+        """By how much later than it is put out a controller's output arrives, s; None of all else."""
+        late = None if self.put_out is None else self.put_out.late
+        return None if late is None else self.theta[late]
 
     @property
     def is_how_it_follows(self) -> bool:

@@ -27,7 +27,8 @@ def state_forces(
         Samples inside the windows, where the run is finite.
     """
     acting = [(i, simulator.effects[i]) for i in in_turn(simulator.effects)]
-    functions = [compiled_force(placed.force) for _, placed in acting]
+    functions = [None if p.force is None else compiled_force(p.force) for _, p in acting]
+    late = [_late(placed, run, u, windows, rows, simulator.dt) for _, placed in acting]
     thetas = np.zeros((len(acting), MAX_THETA))
     for theta, (_, placed) in zip(thetas, acting, strict=True):
         n = len(placed.effect.parameters)
@@ -58,17 +59,20 @@ def state_forces(
                 driving = own if second is None else driving
                 own = 0.5 * own
                 arguments[e, at] += own * simulator.dt
-            values[e, at] = functions[e](
-                arguments[e, at],
-                rate,
-                own,
-                driving,
-                age * simulator.dt,
-                step,
-                run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
-                thetas[e],
-                np.zeros(MAX_MEMORY),
-            )
+            values[e, at] = late[e][at]
+            function = functions[e]
+            if function is not None:
+                values[e, at] = function(
+                    arguments[e, at],
+                    rate,
+                    own,
+                    driving,
+                    age * simulator.dt,
+                    step,
+                    run.z[k, e * MAX_MEMORY : (e + 1) * MAX_MEMORY].copy(),
+                    thetas[e],
+                    np.zeros(MAX_MEMORY),
+                )
             values[e, at] = values[e, at] if acts[e][at] else 0.0
             if placed.handed_on:
                 change_elsewhere = _moved(simulator, x, now, port, values[e, at]) - nominal
@@ -81,6 +85,18 @@ def state_forces(
             if placed.onward >= 0:
                 slope[placed.onward] -= placed.taken_onward * values[e, at]
     return {i: (arguments[e], values[e]) for e, (i, _) in enumerate(acting)}
+
+
+def _late(
+    placed: PlacedEffect, run: Run, u: np.ndarray, windows: Windows, rows: np.ndarray, dt: float
+) -> np.ndarray:
+    """Return what a dead time adds to a controller's output at some samples; zeros of all else."""
+    if placed.dead_time is None:
+        return np.zeros(rows.size)
+    put_out = placed.argument_of(u, run.x)
+    then = np.maximum(rows - placed.dead_time / dt, rows - age_of(windows, rows))
+    known = np.flatnonzero(np.isfinite(put_out))
+    return np.interp(then, known, put_out[known]) - put_out[rows]
 
 
 def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:
@@ -109,7 +125,7 @@ def age_of(windows: Windows, rows: np.ndarray) -> np.ndarray:
 
 def _step(placed: PlacedEffect, simulator: Simulator) -> float:
     """Return what counts as a step to a force: one increment of a map, but time where it has a memory."""
-    if simulator.discrete and not (placed.effect.n_memory or placed.inertial):
+    if simulator.discrete and not (placed.n_memory or placed.inertial):
         return 1.0
     return simulator.dt / simulator.substeps
 

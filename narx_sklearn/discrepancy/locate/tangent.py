@@ -99,9 +99,7 @@ def tangent(simulator: Simulator, run: Run, u: np.ndarray, windows: Windows, p=N
         u, "input", simulator.effects, np.ones(len(simulator.effects)), None, simulator.dt, windows
     )
     lasting = [
-        e
-        for e in simulator.effects
-        if (e.port.kind == "state" or e.port.is_parameter) and e.effect.memoryless
+        e for e in simulator.effects if (e.port.kind == "state" or e.port.is_parameter) and not e.n_memory
     ]
     sensors = [e for e in simulator.effects if e.port.kind == "output"]
     raw = np.full((u.shape[0], n_outputs), np.nan)  # outputs before the effects on them

@@ -9,6 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.simulators.sums import difference_in_words
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import PARAMETER, Effect
 
@@ -94,22 +95,35 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
     """Return the places of an effect on what passes from some equations to others.
 
     What depends on a position is met in a coupling, all else behind an actuator or a controller; the integral
-    of the latter may follow what is left.
+    of the latter may follow what is left. Outputs that are made of the same may have it too, as a flow has
+    what a stem does.
     """
+    if effect.put_out is not None:
+        return [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.controllers]
     if effect.handed_on is None:
         return []
     if effect.argument == "position":
-        coupled = []
-        for coupling in structure.couplings:
-            placed = coupling.under(at_state(effect, coupling.state, simulator), simulator)
-            shown = structure.read[:, len(simulator.inputs) + coupling.state].any()
-            coupled.append(placed if shown else _counted_from_zero(placed))
-        return coupled
-    places = [replace(at_state(effect, i, simulator), handed_on=True) for i in structure.handed_on]
-    for of in structure.controllers:
-        placed = of.under(at_state(effect, of.state, simulator), simulator)
-        places += [placed, replace(placed, onward=of.state, share=1.0 / of.time)]
-    return places
+        places = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.couplings]
+        shown = np.any(structure.read[:, len(simulator.inputs) :], axis=0)
+        places = [p if shown[p.port.index] else _counted_from_zero(p) for p in places]
+    else:
+        places = [replace(at_state(effect, i, simulator), handed_on=True) for i in structure.handed_on]
+        for of in structure.controllers:
+            placed = of.under(at_state(effect, of.state, simulator), simulator)
+            places += [placed, replace(placed, onward=of.state, share=1.0 / of.time)]
+    return [seen for placed in places for seen in seen_or_not(placed, structure)]
+
+
+def seen_or_not(placed: PlacedEffect, structure: Structure) -> list[PlacedEffect]:
+    """Return an effect on what is handed on, and the same as outputs that are made of that have it too.
+
+    An output that is made of a state, but not of all that comes in a sum with it, shows the state.
+    """
+    read = structure.read
+    made_of_it = read[read[:, structure.inputs.shape[1] + placed.port.index]]
+    sums = np.array(placed.second if placed.second else np.zeros(read.shape[1])) != 0
+    may_be_seen = made_of_it.size > 0 and made_of_it[:, sums].all()
+    return [placed, replace(placed, is_seen=True)] if may_be_seen else [placed]
 
 
 def at_state(effect: Effect, i: int, simulator: Simulator) -> PlacedEffect:
@@ -261,7 +275,7 @@ def _neighbours(i: int, simulator: Simulator, structure: Structure):
     opposed = {state: _opposed(i, state, simulator, structure) for state in own if state >= 0}
     if structure.partner[i] >= 0:
         for j in opposed[structure.partner[i]]:
-            yield _stretch(structure.partner[i], j, simulator)
+            yield _stretch(structure.partner[i], j, simulator, structure)
     taken = own.union(*opposed.values())
     for j in np.flatnonzero(structure.states[i]).tolist():
         if j not in taken:
@@ -303,10 +317,11 @@ def arguments(kind: str, i: int, simulator: Simulator, structure: Structure) -> 
     yield Argument(weights_of(n, {own: 1.0}), *simulator.states[own])
     for j in _opposed(i, own, simulator, structure):
         back, ratio = _pushed_back(i, own, j, structure)
+        stretch = _stretch(own, j, simulator, structure)
         if back < 0:
-            yield Argument(*_stretch(own, j, simulator))
+            yield Argument(*stretch)
         elif (ratio, i) < (1.0, back) or own not in _opposed(back, j, simulator, structure):
-            yield Argument(*_stretch(own, j, simulator), back, ratio)
+            yield Argument(*stretch, back, ratio)
     if kind == "position":
         yield from _twisted(i, simulator, structure)
 
@@ -335,12 +350,12 @@ def _pushed_back(i: int, own: int, j: int, structure: Structure) -> tuple[int, f
     """Return the equation in which neighbour ``j`` feels state ``own`` of equation ``i``, and how much more.
 
     What couples two bodies acts on both, in the ratio of their inertias; so does what flows between stores.
-    -1 where the neighbour does not feel it.
+    Through a gear it is as many times more as the one turns faster. -1 where the neighbour does not feel it.
     """
     back = j if own == i else next((k for k, of in enumerate(structure.partner) if of == j), -1)
     if back < 0 or not structure.states[back, own]:
         return -1, 0.0
-    ratio = structure.slope[back, own] / structure.slope[i, j]
+    ratio = structure.geared(own, j) * structure.slope[back, own] / structure.slope[i, j]
     return (back, float(ratio)) if ratio > 0 else (-1, 0.0)
 
 
@@ -358,10 +373,13 @@ def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> li
     ]
 
 
-def _stretch(own: int, j: int, simulator: Simulator) -> tuple[tuple[float, ...], str, str]:
-    """Return (weights, name, unit) of how far a state is ahead of a neighbour's."""
-    name = f"{simulator.states[own].name} - {simulator.states[j].name}"
-    return weights_of(len(simulator.states), {own: 1.0, j: -1.0}), name, simulator.states[own].unit
+def _stretch(
+    own: int, j: int, simulator: Simulator, structure: Structure
+) -> tuple[tuple[float, ...], str, str]:
+    """Return (weights, name, unit) of how far a state is ahead of a neighbour's, behind a gear or not."""
+    ratio, signal = structure.geared(own, j), simulator.states[own]
+    name = difference_in_words(signal.name, ratio, simulator.states[j].name)
+    return weights_of(len(simulator.states), {own: 1.0, j: -ratio}), name, signal.unit
 
 
 def weights_of(n: int, entries: dict) -> tuple[float, ...]:

@@ -192,8 +192,72 @@ def _push_through(equation, x, u, p, channel, force, rates, pushed, slope, r):
 
 
 @njit(nogil=True, inline="always")
+def _keep_stage(past, count, e, r, time, h, value):
+    """Keep what a stage puts out, in a ring of steps.
+
+    Of each that is when it began, how long it took, the values where it began, in the middle and where it
+    ended, by which it goes on a parabola, and the integral up to where it began.
+    """
+    at = count[e, 0]
+    if r == 0:
+        past[e, at, 0], past[e, at, 2] = time, value
+    elif r < 3:
+        past[e, at, 3] = value if r == 1 else 0.5 * (past[e, at, 3] + value)
+    else:
+        past[e, at, 1], past[e, at, 4] = h, value
+
+
+@njit(nogil=True, inline="always")
+def _end_step(past, count, e):
+    """Count the step that was under way among those kept."""
+    at, size = count[e, 0], past.shape[1]
+    _, step, first, middle, last, integral = past[e, at]
+    past[e, (at + 1) % size, 5] = integral + step / 6.0 * (first + 4.0 * middle + last)
+    count[e, 0] = (at + 1) % size
+    count[e, 1] = min(count[e, 1] + 1, size - 1)
+
+
+@njit(nogil=True, inline="always")
+def _put_out_until(past, count, e, then, time, value):
+    """Return the integral of what was put out until ``then``; before all that is kept, what came first."""
+    at, n, size = count[e, 0], count[e, 1], past.shape[1]
+    begun, first, integral = past[e, at, 0], past[e, at, 2], past[e, at, 5]
+    if then >= begun:
+        on = then - begun
+        slope = (value - first) / (time - begun) if time > begun else 0.0
+        return integral + on * (first + 0.5 * on * slope)
+    if n == 0:
+        return integral + (then - begun) * first
+    back = min(max(int((begun - then) / past[e, (at - 1) % size, 1]), 1), n)
+    while back < n and past[e, (at - back) % size, 0] > then:
+        back += 1
+    while back > 1 and past[e, (at - back + 1) % size, 0] <= then:
+        back -= 1
+    begun, step, first, middle, last, integral = past[e, (at - back) % size]
+    on = min((then - begun) / step, 1.0)
+    if on <= 0.0:
+        return integral + (then - begun) * first
+    slope, bend = 4.0 * middle - 3.0 * first - last, 2.0 * (first - 2.0 * middle + last)
+    return integral + step * on * (first + on * (slope / 2.0 + on * bend / 3.0))
+
+
+@njit(nogil=True, inline="always")
+def _as_it_was(past, count, e, r, late, time, h, value):
+    """Return what was put out some time ago, the mean over the share of a step that a stage stands for.
+
+    Then a step counts whatever jumped in it, and when. What lies ahead goes on as it did.
+    """
+    if late <= 0.0:
+        return value
+    wide = h / 6.0 if r % 3 == 0 else h / 3.0
+    begin, end = time - late - (wide if r > 0 else 0.0), time - late + (wide if r < 3 else 0.0)
+    until = _put_out_until(past, count, e, end, time, value)
+    return (until - _put_out_until(past, count, e, begin, time, value)) / (end - begin)
+
+
+@njit(nogil=True, inline="always")
 def _inside_step(on, h, before, slope, x, moving):
-    """Write the states a share of a step on, and with their rates: the stages make a cubic there.
+    """Write the states a share of a step on, and with their rates, if asked for: the stages make a cubic.
 
     Hairer, Norsett and Wanner 1993, II.6.
     """
@@ -203,16 +267,28 @@ def _inside_step(on, h, before, slope, x, moving):
         mean += inner * (slope[1, i] + slope[2, i])
         x[i] = before[i] + h * mean
         moving[i] = x[i]
-        mean = (2 * on - 1) * (on * slope[3, i] + (on - 1) * slope[0, i])
-        moving[x.size + i] = mean + 2 * on * (1 - on) * (slope[1, i] + slope[2, i])
+        if moving.size > x.size:
+            mean = (2 * on - 1) * (on * slope[3, i] + (on - 1) * slope[0, i])
+            moving[x.size + i] = mean + 2 * on * (1 - on) * (slope[1, i] + slope[2, i])
 
 
 @njit(nogil=True, inline="always")
 def _with_rates(x, slope, r, moving):
-    """Write states and, after them, their rates."""
+    """Write states and, after them, their rates, if there is room for them."""
     for i in range(x.size):
         moving[i] = x[i]
-        moving[x.size + i] = slope[r, i]
+        if moving.size > x.size:
+            moving[x.size + i] = slope[r, i]
+
+
+@njit(nogil=True, inline="always")
+def _hand_on(states, through, seen, handed, on, n_inputs):
+    """Add to states what outputs have of them too, a share of a step on: by a parabola through its stages."""
+    for e in range(seen.size):
+        if seen[e]:
+            begin, middle, end = handed[0, e], 0.5 * (handed[1, e] + handed[2, e]), handed[3, e]
+            slope, bend = 4.0 * middle - 3.0 * begin - end, 2.0 * (begin - 2.0 * middle + end)
+            states[through[e] - n_inputs] += begin + on * (slope + on * bend)
 
 
 @njit(nogil=True, inline="always")
@@ -256,12 +332,14 @@ def _simulate_windows(
     answer,
     seconds,
     strength,
+    late,
     theta,
     memory,
     jumps,
     after,
     sticks,
     inertial,
+    seen,
     begins,
     ends,
     along,
@@ -302,10 +380,11 @@ def _simulate_windows(
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
     `through` an input (else that is -1) is added to it, and the equations tell what it does; so is what is
     added to a state, which counts after the inputs, as all equations but its own have it (a second argument
-    is there what the force depends on, a controller's output). Each acts in the steps that start between its
-    times `begins` and `ends`, counted from where the session began or, `along` the record, from its first
-    sample. The equations jump by about twice an `authority` where one of the `switches` @ x is zero, to
-    within a `width`.
+    is there what the force depends on, a controller's output); and outputs too, where it is `seen`. One that
+    is `late`, by so much time, is what that was then, less what it is; before a session it stood still. Each
+    acts in the steps that start between its times `begins` and `ends`, counted from where the session began
+    or, `along` the record, from its first sample. The equations jump by about twice an `authority` where one
+    of the `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
@@ -334,16 +413,17 @@ def _simulate_windows(
         np.empty(n_states),
         np.empty(u.shape[1]),
         np.empty(n_outputs),
-        np.empty(2 * n_states),
+        np.empty(2 * n_states if sees_rates else n_states),
     )
     of_effects = (
         np.zeros(MAX_EFFECTS),
         np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS, MAX_MEMORY)),
         np.zeros((MAX_EFFECTS * 4, MAX_MEMORY)),  # row 4 e + r: effect e at stage r
+        np.zeros((4, MAX_EFFECTS)),
     )
     x, stage, slope, nominal, pushed, settled, sides, before, now, observed, moving = borrowed(of_motion)
-    share, z, z_stage, dz = borrowed(of_effects)
+    share, z, z_stage, dz, handed = borrowed(of_effects)
     effects, edges = (addresses, theta, z_stage, dz), (switches, authority, width)
     wants_middle = middle_out.shape[0] > 0
     failed = -1
@@ -355,9 +435,18 @@ def _simulate_windows(
     for e in range(n_forces):
         may_part = may_part or sticks[e]
     may_part = may_part and not is_map
+    hands_on, longest = False, -1.0
+    if special is not None:
+        for e in range(n_forces):
+            hands_on = hands_on or seen[e]
+            longest = max(longest, late[e])
+    n_kept = int(min(longest / dt, u.shape[0]) * substeps) + 4 if longest >= 0.0 else 0
+    past = np.zeros((n_forces, n_kept * (FINER if may_part else 1), 6))
+    count = np.zeros((n_forces, 2), dtype=np.int64)
     for w in range(first.size):
         if fresh[w]:
             z[:] = 0.0
+            count[:] = 0
         for i in range(n_states):
             x[i] = x0[w, i]
         broken = False
@@ -381,7 +470,7 @@ def _simulate_windows(
                     for i in range(n_outputs):
                         y_out[rest, i] = np.nan
                 break
-            if not sees_rates:
+            if not (sees_rates or hands_on):
                 _observe(output, x, now, p, observed, y_out, k)
             for s in range(substeps):
                 parts, part = 1, 0
@@ -451,10 +540,16 @@ def _simulate_windows(
                                     own *= 0.5
                                     argument += own * dt
                             row = 4 * e + r
-                            force = _force(effects, e, row, argument, rate, own, other, time, within)
+                            if special is not None and late[e] >= 0.0:
+                                _keep_stage(past, count, e, r, time, h, argument)
+                                force = _as_it_was(past, count, e, r, late[e], time, h, argument) - argument
+                            else:
+                                force = _force(effects, e, row, argument, rate, own, other, time, within)
                             force = _shared(force, share[e])
                             if special is not None and inertial[e]:
                                 force *= dt * dt
+                            if special is not None and seen[e]:
+                                handed[r, e] = force
                             if special is not None and through[e] >= 0:
                                 _push_through(
                                     equation, stage, now, p, through[e], force, unsettled, pushed, slope, r
@@ -469,8 +564,10 @@ def _simulate_windows(
                             h /= FINER
                             force_step = h
                             continue
-                        if sees_rates and r == 0 and part == 0 and s == 0:
+                        if (sees_rates or hands_on) and r == 0 and part == 0 and s == 0:
                             _with_rates(x, slope, 0, moving)
+                            if hands_on:
+                                _hand_on(moving, through, seen, handed, 0.0, now.size)
                             _observe(output, moving, now, p, observed, y_out, k)
                         r += 1
                     if is_map:
@@ -492,14 +589,21 @@ def _simulate_windows(
                         if onward[e] >= 0:
                             x[onward[e]] -= theta[e, SPILL] * force
                     if wants_middle and reached < dt * (0.5 + CLOSE) and reached + h > dt * (0.5 + CLOSE):
-                        _inside_step(max(0.5 * dt - reached, 0.0) / h, h, before, slope, stage, moving)
+                        on = max(0.5 * dt - reached, 0.0) / h
+                        _inside_step(on, h, before, slope, stage, moving)
                         _write_inputs(0.5, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _observe(output, moving if sees_rates else stage, now, p, observed, middle_out, k)
+                        if hands_on:
+                            _hand_on(moving, through, seen, handed, on, now.size)
+                        _observe(output, moving, now, p, observed, middle_out, k)
                     if wants_middle and s == substeps - 1 and part == parts - 1:
                         _with_rates(x, slope, 3, moving)
                         _write_inputs(1.0, k, k + 1 < last[w], u, tilt, linear_hold, now)
-                        _observe(output, moving if sees_rates else x, now, p, observed, end_out, k)
+                        if hands_on:
+                            _hand_on(moving, through, seen, handed, 1.0, now.size)
+                        _observe(output, moving, now, p, observed, end_out, k)
                     for e in range(n_forces):
+                        if special is not None and late[e] >= 0.0:
+                            _end_step(past, count, e)
                         if is_map and memory[e] > 0 and not jumps[e]:
                             # a memory goes on between the samples, while what it depends on moves evenly
                             argument, rate = _moved(weights, e, before, x, dt)
@@ -538,9 +642,10 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         VECTOR,
+        VECTOR,
         MATRIX,
         INTEGERS,
-        *[FLAGS] * 4,
+        *[FLAGS] * 5,
         *[VECTOR] * 2,
         FLAGS,
         MATRIX,

@@ -14,23 +14,26 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
     n = len(forces)
     if n > MAX_EFFECTS:
         raise ValueError(f"{n} effects act at state equations; at most {MAX_EFFECTS} can.")
-    addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)
+    addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)  # none where something is but late
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, sticks, inertial, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(5))
+    jumps, after, sticks, inertial, seen, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(6))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
+    late = np.full(MAX_EFFECTS, -1.0)
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
         effect = placed.effect
-        addresses[i] = force_address(placed.force)
+        addresses[i] = 0 if placed.force is None else force_address(placed.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
         if placed.handed_on:  # a state counts after the inputs
             through[i] = n_inputs + placed.port.index
-        memory[i], jumps[i], after[i], strength[i] = effect.n_memory, effect.jumps, effect.after, scale
+        memory[i], jumps[i], after[i], strength[i] = placed.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
+        seen[i] = placed.handed_on and placed.is_seen
+        late[i] = -1.0 if placed.dead_time is None else placed.dead_time
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i], along[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
@@ -39,9 +42,10 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
         theta[i, : len(effect.parameters)] = placed.own_theta
         if placed.onward >= 0:
             theta[i, SPILL] = placed.taken_onward
-    flags = jumps, after, sticks, inertial
+    flags = jumps, after, sticks, inertial, seen
     ways = port, onward, through
-    return addresses, n, *ways, weights, answer, seconds, strength, theta, memory, *flags, begins, ends, along
+    sizes = weights, answer, seconds, strength, late
+    return addresses, n, *ways, *sizes, theta, memory, *flags, begins, ends, along
 
 
 def is_special(placed: PlacedEffect) -> bool:

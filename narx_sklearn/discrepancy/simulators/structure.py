@@ -66,11 +66,24 @@ class Structure(NamedTuple):
         )
 
     @property
+    def sums(self) -> tuple[Sum, ...]:
+        """What comes to other equations in a sum of a state and its rate."""
+        return self.controllers + self.couplings
+
+    @property
     def handed_on(self) -> list[int]:
         """States that only follow an input, as an actuator does its command, and drive other equations."""
         others = self.states & ~np.eye(len(self.partner), dtype=bool)
         drives = np.any(others & ~self.kinematic[:, None], axis=0)
         return np.flatnonzero(self.follows & drives).tolist()
+
+    def geared(self, one: int, other: int) -> float:
+        """Return how many times as fast one of two coupled states goes as the other; 1 if unknown."""
+        for of in self.couplings:
+            for weights in (of.own, of.rate[-len(of.own) :]):
+                if weights[one] * weights[other] < 0:
+                    return -weights[other] / weights[one]
+        return 1.0
 
     @property
     def channels(self) -> np.ndarray:
@@ -192,7 +205,7 @@ class Sums:
     def at(self, p: np.ndarray) -> dict[int, Sum]:
         """Return the sums by the state at which something may be added to them."""
         found, probed = self.structure, self.structure.probed
-        if probed is None or not (found.controllers or found.couplings):
+        if probed is None or not found.sums:
             return {}
 
         def rates(x=probed.x, u=probed.u):
@@ -201,7 +214,7 @@ class Sums:
         of_states = central_differences(lambda x: rates(x=x), probed.x, probed.x_steps)
         of_inputs = central_differences(lambda u: rates(u=u), probed.u, probed.u_steps)
         there = _with_sums(found, np.nan_to_num(of_states)[None], np.nan_to_num(of_inputs)[None])
-        return {of.state: of for of in (*there.controllers, *there.couplings)}
+        return {of.state: of for of in there.sums}
 
     def under(self, effects: Sequence[PlacedEffect], p: np.ndarray) -> tuple[PlacedEffect, ...]:
         """Return effects, those on such a sum with the one that equations with these parameters have."""

@@ -42,8 +42,7 @@ class Sum(NamedTuple):
         """Return the sum in words: "twist + 0.001 s x its rate"."""
         name = simulator.states[self.state].name
         for j in np.flatnonzero(np.array(self.own) < 0).tolist():
-            ratio = "" if abs(self.own[j] + 1.0) < OPPOSED else f"{-self.own[j]:.4g} x "
-            name += f" - {ratio}{simulator.states[j].name}"
+            name = difference_in_words(name, -self.own[j], simulator.states[j].name)
         return f"{name} + {self.time:.4g} s x its rate" if self.time else name
 
     def under(self, placed: PlacedEffect, simulator: Simulator) -> PlacedEffect:
@@ -58,6 +57,11 @@ class Sum(NamedTuple):
             second_name=name,
             second_unit=unit,
         )
+
+
+def difference_in_words(one: str, ratio: float, other: str) -> str:
+    """Return what a signal is ahead of some times another one: "motor - 80 x link"."""
+    return f"{one} - {other}" if abs(ratio - 1.0) < OPPOSED else f"{one} - {ratio:.4g} x {other}"
 
 
 @np.errstate(divide="ignore", invalid="ignore")

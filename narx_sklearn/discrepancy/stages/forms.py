@@ -33,8 +33,7 @@ def own_forms(
         if sum(along(effect, other) for other in best.effects) > 1:
             continue
         for curve in curves:
-            one_way = effect.through == curve.placed.through and effect.handed_on == curve.placed.handed_on
-            at_its_place = along(effect, curve.placed) and one_way
+            at_its_place = along(effect, curve.placed) and _way(effect) == _way(curve.placed)
             if at_its_place and _is_form(problem, best, effect, curve, n_jobs):
                 found.append(curve)
         damped = damped_beyond(effect)
@@ -43,6 +42,11 @@ def own_forms(
             if _is_little(problem, best, damped, explained, n_jobs):
                 found.append(damped)
     return found
+
+
+def _way(placed: PlacedEffect) -> tuple[int, bool, bool]:
+    """Return on which way an effect gets to equations and outputs."""
+    return placed.through, placed.handed_on, placed.is_seen
 
 
 def taken_by_forms(

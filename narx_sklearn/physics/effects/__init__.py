@@ -13,6 +13,7 @@ from narx_sklearn.physics.effects._effect import (
     Effect,
     EffectParameter,
     Power,
+    PutOut,
     Setting,
     no_start,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "Power",
+    "PutOut",
     "Setting",
     "held_runs",
     "list_effects",

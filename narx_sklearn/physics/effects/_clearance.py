@@ -177,12 +177,13 @@ def _clearance_starts(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _stem_after(move, command, stem, direction, stick, slip, again):
+def _stem_after(move, command, stem, direction, stick, slip, again, goes_on):
     """Return the stem and the direction of its slide, 0 at rest, after a move of the command.
 
     At rest it bears a withheld move of (S + J)/2 either way, sliding it trails by (S - J)/2: so a reversal
     takes S and going on after a stop takes J. While the command goes on it may stick `again`: 0 for never, up
-    to 1 for as much as at rest, so that the stem goes in steps of J.
+    to 1 for as much as at rest, so that the stem goes in steps of J. Where the command `goes_on` in its move,
+    and is not there at once, the last of these steps is not over yet.
     """
     trailing = 0.5 * (stick - slip)
     if move * direction <= 0.0:
@@ -192,6 +193,8 @@ def _stem_after(move, command, stem, direction, stick, slip, again):
     if abs(withheld) > holding:
         direction = 1.0 if withheld > 0.0 else -1.0
         stem = command - direction * trailing
+        if goes_on and again * slip > 0.0:
+            stem -= direction * ((abs(withheld) - holding) % (again * slip))
     return stem, direction
 
 
@@ -202,7 +205,7 @@ def _stiction_run(values, stick, slip, again, begin):
     stem, direction = values[0] + begin * 0.5 * (stick + slip), 0.0
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
-        stem, direction = _stem_after(move, values[k], stem, direction, stick, slip, again)
+        stem, direction = _stem_after(move, values[k], stem, direction, stick, slip, again, False)
         out[k] = stem
     return out
 
@@ -214,7 +217,7 @@ def _stiction_handed_on(argument, rate, own, second, time, step, z, theta, dz):
     stem, direction, before = argument + theta[3] * 0.5 * (stick + slip), 0.0, argument
     if z[3] > 0.0:
         stem, direction, before = z[0], z[1], z[2]
-    stem, direction = _stem_after(argument - before, argument, stem, direction, stick, slip, theta[2])
+    stem, direction = _stem_after(argument - before, argument, stem, direction, stick, slip, theta[2], True)
     dz[0], dz[1], dz[2], dz[3] = stem, direction, argument, 1.0
     return stem - argument
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import expm
 
-from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, PutOut, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces, time_since
 from narx_sklearn.physics.effects._starts import (
@@ -70,6 +70,14 @@ def _delay_held(signal, dt, theta, first):
     f, whole = np.modf(theta[0] / dt)
     last, one_before = (_shifted(signal, late, theta[1], first) for late in (whole, whole + 1.0))
     return last + f * (one_before - last), 6.0 * f * (1.0 - f) * (last - one_before)
+
+
+@kernel
+def _lag_put_out(argument, rate, own, second, time, step, z, theta, dz):
+    """z holds what is passed."""
+    late = max(theta[0], step)
+    dz[0] = (argument - z[0]) / late
+    return theta[0] / late * (z[0] - argument)
 
 
 def times_of_lag(setting: Setting, shares) -> np.ndarray:
@@ -269,6 +277,7 @@ DYNAMICS = (
         transform=_delay_transform,
         held=_delay_held,
         curved=_delay_curved,
+        put_out=PutOut(late=0),
         amplitude=None,
         lookalikes=("lag", "backlash", "rate_limit"),
         separate_by="a wideband signal: the phase falls in proportion to frequency",
@@ -289,6 +298,7 @@ DYNAMICS = (
         transform=_lag_transform,
         held=_lag_held,
         curved=_lag_curved,
+        put_out=PutOut(_lag_put_out, n_memory=1),
         amplitude=None,
         lookalikes=("delay", "rate_limit", "extra_mode", "creep"),
         separate_by="a wideband signal: the gain rolls off",

@@ -41,6 +41,14 @@ class Power(NamedTuple):
     odd: bool  # whether it changes its sign with the argument
 
 
+class PutOut(NamedTuple):
+    """What makes the output of a controller arrive later than it is put out: a force, or a dead time."""
+
+    force: Any = None  # like an effect's ``force``: what is added to it
+    n_memory: int = 0  # states of its own, which start at zero
+    late: int | None = None  # index of the parameter that is the dead time
+
+
 class Setting(NamedTuple):
     """What a record shows at one place: the material from which starting values are taken.
 
@@ -112,6 +120,9 @@ class Effect:
         For a state that only follows an input, as all other equations have it, and for the output of a
         controller among them; where the argument is a position, for what passes through a coupling. Like
         ``force``, what is added to it there; compiled by numba.
+    put_out : PutOut, optional
+        For the output of a controller among the equations alone: what is only late there is the same before
+        an actuator. Where its memory begins and how the effect is built have no meaning there.
     following : callable, optional
         For the equation of such a state itself, like ``force``: how it follows. Where a memory begins and how
         the effect is built have no meaning there.
@@ -243,6 +254,7 @@ class Effect:
     held: Any = None
     curved: Any = None
     handed_on: Any = None
+    put_out: PutOut | None = None
     following: Any = None
     factor: Any = None
     input_port: bool = True

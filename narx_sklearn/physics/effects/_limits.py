@@ -5,7 +5,7 @@ import numpy as np
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._corner import between, kept_between
 from narx_sklearn.physics.effects._curves import of_difference, of_level
-from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, PutOut, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
@@ -162,6 +162,15 @@ def _rate_limit_following(argument, rate, own, second, time, step, z, theta, dz)
 
 
 @kernel
+def _rate_limit_put_out(argument, rate, own, second, time, step, z, theta, dz):
+    """z holds what is passed, which comes to the argument where a step takes it there."""
+    behind = argument - z[0]
+    most = theta[0] * step
+    dz[0] = min(max(behind, -most), most) / step
+    return -behind if abs(behind) > most else 0.0
+
+
+@kernel
 def _overflow(argument, rate, own, second, time, step, z, theta, dz):
     """Take away what one step would lift above the limit, and never more than flows in."""
     return -min(max((argument - theta[0]) / step + own, 0.0), max(own, 0.0))
@@ -234,6 +243,7 @@ LIMITS = (
         starts=_rate_limit_starts,
         transform=_rate_limit_transform,
         held=_rate_limit_held,
+        put_out=PutOut(_rate_limit_put_out, n_memory=1),
         following=_rate_limit_following,
         output_port=False,
         amplitude=None,

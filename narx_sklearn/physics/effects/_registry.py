@@ -267,7 +267,9 @@ def _check_trial(effect: Effect) -> None:
     theta = starts[0]
     for name in ("force", "handed_on", "following"):
         if getattr(effect, name) is not None:
-            _try_force(effect, name, theta)
+            _try_force(effect, name, getattr(effect, name), theta, effect.n_memory if name == "force" else 0)
+    if effect.put_out is not None and effect.put_out.late is None:
+        _try_force(effect, "put_out", effect.put_out.force, theta, effect.put_out.n_memory)
     if effect.transform is not None:
         _try_on_signal(effect, "transform", lambda signal, at: _transformed(effect, signal, at, theta))
     if effect.factor is not None:
@@ -339,21 +341,21 @@ def _try_factor(effect: Effect, theta: np.ndarray) -> None:
         raise ValueError(f"Effect {effect.code!r}: factor returned {value!r}; wanted is one finite number.")
 
 
-def _try_force(effect: Effect, name: str, theta: np.ndarray) -> None:
+def _try_force(effect: Effect, name: str, force: Callable, theta: np.ndarray, n_written: int) -> None:
     padded = np.zeros(MAX_PARAMETERS + 1)
     padded[: theta.size] = theta
     dz = np.full(MAX_MEMORY, np.nan)
     value = _tried(
         effect,
         name,
-        lambda: getattr(effect, name)(0.5, -0.3, 0.2, 0.1, 1.0, TRIAL_STEP, np.zeros(MAX_MEMORY), padded, dz),
+        lambda: force(0.5, -0.3, 0.2, 0.1, 1.0, TRIAL_STEP, np.zeros(MAX_MEMORY), padded, dz),
     )
     if not np.isscalar(value) or not np.isfinite(value):
         raise ValueError(f"Effect {effect.code!r}: {name} returned {value!r}; wanted is one finite number.")
-    if name == "force" and not np.all(np.isfinite(dz[: effect.n_memory])):
+    if not np.all(np.isfinite(dz[:n_written])):
         raise ValueError(
-            f"Effect {effect.code!r}: force left dz = {dz[: effect.n_memory].tolist()}; it must write all "
-            f"{effect.n_memory} states that n_memory announces."
+            f"Effect {effect.code!r}: {name} left dz = {dz[:n_written].tolist()}; it must write all "
+            f"{n_written} states that n_memory announces."
         )
 
 

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.search.places import (
     arguments,
     beside_inputs,
     moving,
+    seen_or_not,
     weights_of,
 )
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
@@ -27,6 +28,7 @@ from narx_sklearn.discrepancy.search.unnamed.linear import linear_hypothesis
 from narx_sklearn.discrepancy.search.unnamed.polynomials import driven, of_motion
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.discrepancy.simulators.sums import Sum
 
 
 def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, x: np.ndarray, y: np.ndarray):
@@ -48,14 +50,14 @@ def curve_hypotheses(simulator: Simulator, structure: Structure, u: np.ndarray, 
                 for j in np.flatnonzero(structure.inputs[i]).tolist():
                     found.append(driven(port, argument, position, simulator, j, u[:, j]))
     of_all = np.column_stack([u, x])
-    for i in structure.handed_on:
-        curve = curve_at(Port("state", i), alone(i, simulator), x[:, i])
+    behind: list[tuple[int, np.ndarray, Sum | None]] = [(i, x[:, i], None) for i in structure.handed_on]
+    behind += [(of.state, of_all @ np.array(of.weights), of) for of in structure.sums]
+    for i, values, of in behind:
+        curve = curve_at(Port("state", i), alone(i, simulator), values)
         if curve is not None:
-            found.append(curve._replace(placed=replace(curve.placed, handed_on=True)))
-    for of in (*structure.controllers, *structure.couplings):
-        curve = curve_at(Port("state", of.state), alone(of.state, simulator), of_all @ np.array(of.weights))
-        if curve is not None:
-            found.append(curve._replace(placed=of.under(curve.placed, simulator)))
+            at_state = curve.placed
+            placed = replace(at_state, handed_on=True) if of is None else of.under(at_state, simulator)
+            found += [curve._replace(placed=seen) for seen in seen_or_not(placed, structure)]
     known = [hypothesis for hypothesis in found if hypothesis is not None]
     return known + [
         hypothesis._replace(placed=beside)
