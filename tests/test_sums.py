@@ -206,7 +206,7 @@ def test_a_sum_follows_the_parameters(equations, p, weights):
     structure = structure_of(simulator)
     sums = Sums(simulator, structure)
     (given,) = structure.couplings
-    assert sums.at(simulator.nominal)[given.state].weights == pytest.approx(given.weights)
+    assert sums.at(simulator.nominal)[given.place].weights == pytest.approx(given.weights)
     placed = next(one for one in placements(CATALOGUE["clearance"], simulator, structure) if one.handed_on)
     (moved,) = sums.under([placed], np.array(p))
     assert moved.second == pytest.approx(weights, abs=1e-5)
@@ -331,6 +331,80 @@ def limited(rate):
         return at[0]
 
     return arrives
+
+
+def positioned(asked=lambda s: s, damper=0.0):
+    """Return an axis in the loop of its position, without an integral."""
+
+    def axis(x, u, p):
+        return x[1], p[0] * asked(4.0 * (u[0] - x[0]) - 0.5 * x[1]) - damper * x[1]
+
+    return axis
+
+
+def test_a_controller_without_an_integral():
+    """The error alone, and with what equations take off it by a speed: a friction would do the same."""
+    alone, both = of(positioned(), 2).errors
+    assert (alone.state, alone.through, alone.time) == (1, 0, 0.0)
+    assert alone.weights == pytest.approx((1.0, -1.0, 0.0))
+    assert both.weights == pytest.approx((1.0, -1.0, -0.125), rel=1e-6)
+    names = [one.called(plain(positioned(), 2)) for one in (alone, both)]
+    assert names == ["u0 - x0", "u0 - x0 - 0.125 s x x1"]
+
+
+def base(x, u, p):
+    """A spring to a base that is told by where it is: how far it is stretched."""
+    return x[1], p[0] * (u[0] - x[0]) - p[1] * x[1] * abs(x[1])
+
+
+def oven(x, u, p):
+    """What heat goes out of a body into surroundings that its own equation has is no controller's."""
+    return p[0] * (u[0] - x[0]) + x[1], -x[1]
+
+
+def test_where_an_input_and_a_state_differ():
+    assert [one.time for one in of(base, 2).errors] == [0.0]
+    assert of(oven, 2).errors == ()
+    assert structure_of(make()).errors == ()  # its integral tells all that is put out
+
+
+@pytest.mark.parametrize("code", ["input_saturation", "delay"])
+def test_what_is_behind_a_controller_without_an_integral(code):
+    def saturated(asked):
+        return min(max(asked, -12.0), 12.0)
+
+    simulator = plain(positioned(), 2)
+    found = placements(CATALOGUE[code], simulator, structure_of(simulator))
+    _, placed = (p for p in found if p.handed_on)
+    u = np.repeat([0.0, *np.random.default_rng(1).uniform(-10, 10, 30)], 20)
+    if code == "input_saturation":
+        placed = placed.at([-3.0, 3.0, 0.0])  # of 12 / 4
+        told = plain(positioned(saturated), 2).simulate(u)
+    else:
+        placed = placed.at([0.03, 0.0])
+        told = ramped(u, dead_time(0.03))
+    simulator = simulator.with_effects([placed])
+    off = np.std(simulator.simulate(u) - told, axis=0)
+    assert np.all(off < 0.01 * np.std(told, axis=0))
+    whole = Windows.whole([slice(0, u.size)])
+    run = simulator.run(u[:, None], whole, np.zeros((1, 2)))
+    argument, _ = state_forces(simulator, run, u[:, None], whole, np.arange(u.size))[0]
+    np.testing.assert_allclose(argument, u - run.x[:, 0] - 0.125 * run.x[:, 1], atol=1e-6)
+    assert place_in_words(placed, simulator) == "behind u0 - x0 - 0.125 s x x1, as the equations have it"
+    assert parameter_units(placed, simulator)[0] == ("s" if code == "delay" else "-")
+
+
+def ramped(u, arrives):
+    """Return place and speed of the axis in small steps of Euler's kind."""
+    place = speed = 0.0
+    told = []
+    for reference in u:
+        told.append((place, speed))
+        for _ in range(PARTS):
+            put_out = arrives(4.0 * (reference - place) - 0.5 * speed)
+            place += FINE * speed
+            speed += FINE * 2.0 * put_out
+    return np.array(told)
 
 
 def late(code, simulator=None):

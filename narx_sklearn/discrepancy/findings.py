@@ -555,6 +555,8 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     words = port_in_words(placed.port, simulator)
     if placed.port.is_parameter:
         return f"{words}, with {placed.second_name}"
+    if placed.through >= 0 and placed.handed_on:
+        return f"behind {placed.argument_name}, as the equations have it"
     if placed.through >= 0:
         return f"beside the input {simulator.inputs[placed.through].name}"
     if placed.handed_on:

@@ -98,7 +98,8 @@ class PlacedEffect:
     handed_on : bool
         Whether it changes what all other equations have of the port's state, and not that state's own
         equation. The state follows an input; or it comes in a sum with its rate, as the integral of a
-        controller does in what that puts out, and the effect depends on that sum, the ``second``.
+        controller does in what that puts out, and the effect depends on that sum, the ``second``. Where that
+        has no integral, all equations have it of an input, ``through`` which it is changed.
     is_seen : bool
         Whether what is handed on is so in outputs too: those made of the port's state have what other
         equations have.
@@ -164,7 +165,7 @@ class PlacedEffect:
         In what sum a state comes with its rate the simulator's own parameters say.
         """
         ways = self.onward, self.through, self.handed_on, self.is_seen
-        second = self.is_on_sum or self.second
+        second = self.of_sum if self.is_on_sum else self.second
         return (self.effect.code, self.port, self.weights, second, *ways, self.during)
 
     @property
@@ -262,6 +263,11 @@ class PlacedEffect:
     def is_on_sum(self) -> bool:
         """Whether it acts on what other equations have of a state in a sum with its rate."""
         return self.handed_on and bool(self.second)
+
+    @property
+    def of_sum(self) -> tuple:
+        """Where that sum is, and what it is made of."""
+        return self.port.index, self.through, tuple(weight != 0.0 for weight in self.second)
 
     @property
     def taken_onward(self) -> float:

@@ -49,7 +49,7 @@ def state_forces(
             own = slope[port] - (x[port] if simulator.discrete else 0.0)
             step = _step(placed, simulator)
             gain = 0.0 if placed.inertial else placed.answer
-            if placed.through >= 0:
+            if placed.through >= 0 and not placed.is_on_sum:
                 push = PUSH * (1.0 + abs(now[placed.through]))
                 gain = weights @ (_beside(simulator, x, now, placed.through, push) - nominal) / push
             if gain > 0:
@@ -74,7 +74,7 @@ def state_forces(
                     np.zeros(MAX_MEMORY),
                 )
             values[e, at] = values[e, at] if acts[e][at] else 0.0
-            if placed.handed_on:
+            if placed.handed_on and placed.through < 0:
                 change_elsewhere = _moved(simulator, x, now, port, values[e, at]) - nominal
                 change_elsewhere[port] = 0.0  # its own equation has it as it is
                 slope += change_elsewhere

@@ -94,12 +94,14 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
 def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
     """Return the places of an effect on what passes from some equations to others.
 
-    What depends on a position is met in a coupling, all else behind an actuator or a controller; the integral
-    of the latter may follow what is left. Outputs that are made of the same may have it too, as a flow has
-    what a stem does.
+    What depends on a position is met in a coupling, all else behind an actuator or a controller, whose
+    integral, if it has one, may follow what is left. Outputs that are made of the same may have it too, as a
+    flow has what a stem does.
     """
+    errors = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.errors]
     if effect.put_out is not None:
-        return [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.controllers]
+        told = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.controllers]
+        return told + errors
     if effect.handed_on is None:
         return []
     if effect.argument == "position":
@@ -111,6 +113,7 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
         for of in structure.controllers:
             placed = of.under(at_state(effect, of.state, simulator), simulator)
             places += [placed, replace(placed, onward=of.state, share=1.0 / of.time)]
+        places += errors
     return [seen for placed in places for seen in seen_or_not(placed, structure)]
 
 
@@ -122,7 +125,7 @@ def seen_or_not(placed: PlacedEffect, structure: Structure) -> list[PlacedEffect
     read = structure.read
     made_of_it = read[read[:, structure.inputs.shape[1] + placed.port.index]]
     sums = np.array(placed.second if placed.second else np.zeros(read.shape[1])) != 0
-    may_be_seen = made_of_it.size > 0 and made_of_it[:, sums].all()
+    may_be_seen = made_of_it.size > 0 and made_of_it[:, sums].all() and placed.through < 0
     return [placed, replace(placed, is_seen=True)] if may_be_seen else [placed]
 
 

@@ -339,6 +339,7 @@ def _simulate_windows(
     after,
     sticks,
     inertial,
+    sums,
     seen,
     begins,
     ends,
@@ -379,12 +380,12 @@ def _simulate_windows(
     fast two neighbours part, `answer` says how much faster that changes than the port does (else it is zero):
     what brings them to rest holds their acceleration against each other, over the answer. A force that acts
     `through` an input (else that is -1) is added to it, and the equations tell what it does; so is what is
-    added to a state, which counts after the inputs, as all equations but its own have it (a second argument
-    is there what the force depends on, a controller's output); and outputs too, where it is `seen`. One that
-    is `late`, by so much time, is what that was then, less what it is; before a session it stood still. Each
-    acts in the steps that start between its times `begins` and `ends`, counted from where the session began
-    or, `along` the record, from its first sample. The equations jump by about twice an `authority` where one
-    of the `switches` @ x is zero, to within a `width`.
+    added to a state, which counts after the inputs, as all equations but its own have it; and outputs too,
+    where it is `seen`. Of `sums` the second argument is what the force depends on (what a controller puts
+    out). One that is `late`, by so much time, is what that was then, less what it is; before a session it
+    stood still. Each acts in the steps that start between its times `begins` and `ends`, counted from where
+    the session began or, `along` the record, from its first sample. The equations jump by about twice an
+    `authority` where one of the `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
@@ -515,14 +516,14 @@ def _simulate_windows(
                             own = slope[r, port[e]] - (stage[port[e]] if is_map else 0.0)
                             within = force_step
                             if special is not None:
-                                if through[e] >= now.size and not np.isnan(other):
+                                if sums[e]:
                                     argument = other
                                 if after[e]:
                                     within *= AT_ONCE
                                 if is_map and (memory[e] > 0 or inertial[e]):
                                     within = dt  # a memory lives in time
                                 gain = answer[e]
-                                if 0 <= through[e] < now.size:
+                                if 0 <= through[e] < now.size and not sums[e]:
                                     gain = _gain_through(
                                         equation, stage, now, p, through[e], weights, e, unsettled, pushed
                                     )
@@ -645,7 +646,7 @@ def simulate_windows():
         VECTOR,
         MATRIX,
         INTEGERS,
-        *[FLAGS] * 5,
+        *[FLAGS] * 6,
         *[VECTOR] * 2,
         FLAGS,
         MATRIX,

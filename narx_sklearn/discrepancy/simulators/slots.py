@@ -17,7 +17,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
     addresses = np.zeros(MAX_EFFECTS, dtype=np.int64)  # none where something is but late
     port, onward, through = (np.zeros(MAX_EFFECTS, dtype=np.int64) for _ in range(3))
     memory = np.zeros(MAX_EFFECTS, dtype=np.int64)
-    jumps, after, sticks, inertial, seen, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(6))
+    jumps, after, sticks, inertial, sums, seen, along = (np.zeros(MAX_EFFECTS, dtype=bool) for _ in range(7))
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
@@ -28,11 +28,11 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
         effect = placed.effect
         addresses[i] = 0 if placed.force is None else force_address(placed.force)
         port[i], onward[i], through[i] = placed.port.index, placed.onward, placed.through
-        if placed.handed_on:  # a state counts after the inputs
+        if placed.handed_on and placed.through < 0:  # a state counts after the inputs
             through[i] = n_inputs + placed.port.index
         memory[i], jumps[i], after[i], strength[i] = placed.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
-        seen[i] = placed.handed_on and placed.is_seen
+        sums[i], seen[i] = placed.is_on_sum, placed.handed_on and placed.is_seen
         late[i] = -1.0 if placed.dead_time is None else placed.dead_time
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i], along[i] = placed.during
@@ -42,7 +42,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
         theta[i, : len(effect.parameters)] = placed.own_theta
         if placed.onward >= 0:
             theta[i, SPILL] = placed.taken_onward
-    flags = jumps, after, sticks, inertial, seen
+    flags = jumps, after, sticks, inertial, sums, seen
     ways = port, onward, through
     sizes = weights, answer, seconds, strength, late
     return addresses, n, *ways, *sizes, theta, memory, *flags, begins, ends, along

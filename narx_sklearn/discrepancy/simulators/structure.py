@@ -9,7 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.linearise import central_differences
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator, evaluate
-from narx_sklearn.discrepancy.simulators.sums import Sum, find_controllers, find_couplings
+from narx_sklearn.discrepancy.simulators.sums import Sum, find_controllers, find_couplings, find_errors
 from narx_sklearn.model.units import may_be_alike
 
 POINTS = 6  # states of the run at which derivatives are compared
@@ -43,6 +43,7 @@ class Structure(NamedTuple):
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
     controllers: tuple[Sum, ...] = ()  # what those among the equations put out
     couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
+    errors: tuple[Sum, ...] = ()  # what controllers without an integral put out
     probed: Probed | None = None  # one of the points at which all of this was found
 
     @property
@@ -68,7 +69,7 @@ class Structure(NamedTuple):
     @property
     def sums(self) -> tuple[Sum, ...]:
         """What comes to other equations in a sum of a state and its rate."""
-        return self.controllers + self.couplings
+        return self.controllers + self.couplings + self.errors
 
     @property
     def handed_on(self) -> list[int]:
@@ -80,9 +81,10 @@ class Structure(NamedTuple):
     def geared(self, one: int, other: int) -> float:
         """Return how many times as fast one of two coupled states goes as the other; 1 if unknown."""
         for of in self.couplings:
-            for weights in (of.own, of.rate[-len(of.own) :]):
-                if weights[one] * weights[other] < 0:
-                    return -weights[other] / weights[one]
+            for weights in (of.own, of.rate):
+                one_by, other_by = (weights[self.inputs.shape[1] + state] for state in (one, other))
+                if one_by * other_by < 0:
+                    return -other_by / one_by
         return 1.0
 
     @property
@@ -180,8 +182,10 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
 def _with_sums(found: Structure, of_states: np.ndarray, of_inputs: np.ndarray) -> Structure:
     """Return a structure with the sums that its equations have, from slopes of the rates at some points."""
     n_inputs = of_inputs.shape[2]
+    controllers = find_controllers(of_states, of_inputs, found.states, found.inputs)
     return found._replace(
-        controllers=find_controllers(of_states, of_inputs, found.states, found.inputs),
+        controllers=controllers,
+        errors=find_errors(of_states, of_inputs, found.inputs, found.kinematic, found.rates, controllers),
         couplings=find_couplings(
             of_states, found.states, found.kinematic, found.twists, found.rates, n_inputs
         ),
@@ -202,8 +206,8 @@ class Sums:
     simulator: Simulator
     structure: Structure
 
-    def at(self, p: np.ndarray) -> dict[int, Sum]:
-        """Return the sums by the state at which something may be added to them."""
+    def at(self, p: np.ndarray) -> dict[tuple, Sum]:
+        """Return the sums by their places."""
         found, probed = self.structure, self.structure.probed
         if probed is None or not found.sums:
             return {}
@@ -214,19 +218,15 @@ class Sums:
         of_states = central_differences(lambda x: rates(x=x), probed.x, probed.x_steps)
         of_inputs = central_differences(lambda u: rates(u=u), probed.u, probed.u_steps)
         there = _with_sums(found, np.nan_to_num(of_states)[None], np.nan_to_num(of_inputs)[None])
-        return {of.state: of for of in there.sums}
+        return {of.place: of for of in there.sums}
 
     def under(self, effects: Sequence[PlacedEffect], p: np.ndarray) -> tuple[PlacedEffect, ...]:
         """Return effects, those on such a sum with the one that equations with these parameters have."""
         if not any(effect.is_on_sum for effect in effects):
             return tuple(effects)
         there = self.at(p)
-        return tuple(
-            there[effect.port.index].under(effect, self.simulator)
-            if effect.is_on_sum and effect.port.index in there
-            else effect
-            for effect in effects
-        )
+        found = ((effect, there.get(effect.of_sum) if effect.is_on_sum else None) for effect in effects)
+        return tuple(effect if of is None else of.under(effect, self.simulator) for effect, of in found)
 
 
 def _rests_where_told(simulator: Simulator, x: np.ndarray, u: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
-from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 
 ALIKE = 1e-6  # relative difference below which a slope counts as the same
 OPPOSED = 1e-4  # of slopes by two positions, that they may differ by where their difference alone counts
@@ -28,28 +28,44 @@ class Sum(NamedTuple):
 
     state: int  # which those equations would have otherwise, were something added to the sum
     time: float  # T [s]
-    own: tuple[float, ...]  # (n_states,) weights of states in x: that one, or a difference of two
-    rate: tuple[float, ...]  # (n_inputs + n_states,) weights of inputs and states in x'
+    own: tuple[float, ...]  # (n_inputs + n_states,) weights of inputs and states in x
+    rate: tuple[float, ...]  # the same in x'
+    through: int = -1  # the input that equations would have otherwise, `state` the first of them; -1 for none
 
     @property
     def weights(self) -> tuple[float, ...]:
         """Weights of inputs and states in the sum, (n_inputs + n_states,)."""
-        weights = self.time * np.array(self.rate)
-        weights[-len(self.own) :] += self.own
-        return tuple(weights.tolist())
+        return tuple((np.array(self.own) + self.time * np.array(self.rate)).tolist())
+
+    @property
+    def place(self) -> tuple:
+        """Where it is, and what it is made of, whatever the weights are."""
+        return self.state, self.through, tuple(weight != 0.0 for weight in self.weights)
 
     def called(self, simulator: Simulator) -> str:
         """Return the sum in words: "twist + 0.001 s x its rate"."""
-        name = simulator.states[self.state].name
+        signals = (*simulator.inputs, *simulator.states)
+        name = self._at(simulator).name
         for j in np.flatnonzero(np.array(self.own) < 0).tolist():
-            name = difference_in_words(name, -self.own[j], simulator.states[j].name)
-        return f"{name} + {self.time:.4g} s x its rate" if self.time else name
+            name = difference_in_words(name, -self.own[j], signals[j].name)
+        if not self.time:
+            return name
+        if self.through < 0:
+            return f"{name} + {self.time:.4g} s x its rate"
+        return name + "".join(
+            f" - {-self.time * self.rate[j]:.4g} s x {signals[j].name}" for j in np.flatnonzero(self.rate)
+        )
+
+    def _at(self, simulator: Simulator) -> Signal:
+        """Return the signal that equations would have otherwise."""
+        return simulator.states[self.state] if self.through < 0 else simulator.inputs[self.through]
 
     def under(self, placed: PlacedEffect, simulator: Simulator) -> PlacedEffect:
         """Return an effect at the state as one on what other equations have of it, which is this sum."""
-        name, unit = self.called(simulator), simulator.states[self.state].unit
+        name, unit = self.called(simulator), self._at(simulator).unit
         return replace(
             placed,
+            through=self.through,
             handed_on=True,
             second=self.weights,
             argument_name=name,
@@ -95,7 +111,7 @@ def find_controllers(
         ]
         time = _one_time(times)
         if time is not None and time > 0.0:
-            own = np.eye(states.shape[0])[s]
+            own = np.eye(error.shape[1])[inputs.shape[1] + s]
             found.append(Sum(s, time, tuple(own.tolist()), tuple(error.mean(axis=0).tolist())))
     return tuple(found)
 
@@ -132,9 +148,60 @@ def find_couplings(
         ]
         time = _one_time(times)
         if time is not None and (time > 0.0 or (is_sure and time == 0.0)):
-            rates_of_it = (*[0.0] * n_inputs, *rate.tolist())
-            found.setdefault(tuple(sorted(velocities)), Sum(at, time, tuple(parted.tolist()), rates_of_it))
+            own, rate_of_it = ((*[0.0] * n_inputs, *weights.tolist()) for weights in (parted, rate))
+            found.setdefault(tuple(sorted(velocities)), Sum(at, time, own, rate_of_it))
     return tuple(found.values())
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def find_errors(
+    of_states: np.ndarray,
+    of_inputs: np.ndarray,
+    driven: np.ndarray,
+    kinematic: np.ndarray,
+    rates: Iterable[tuple[int, int, float]],
+    controllers: Iterable[Sum],
+) -> tuple[Sum, ...]:
+    """Find where equations have an input and a state only as what they differ by, times a gain.
+
+    So does a controller without an integral put it out, the difference of a reference and a position; what
+    it takes off that by a speed no equation tells from a friction, so both sums are returned, with and
+    without. A state that only follows the input is none.
+
+    Parameters
+    ----------
+    of_states, of_inputs : ndarray
+        As of `find_controllers`.
+    driven : ndarray of bool, of shape (n_states, n_inputs)
+        Which equation depends on which input.
+    kinematic : ndarray of bool, of shape (n_states,)
+    rates : iterable of (int, int, float)
+        States that another one integrates: (velocity, position, the factor in which it does).
+    controllers : iterable of Sum
+        Those with an integral, which tell what they put out.
+    """
+    n_inputs, n_states = driven.shape[1], driven.shape[0]
+    told = np.zeros(n_inputs, dtype=bool)
+    for of in controllers:
+        told |= np.array(of.weights[:n_inputs]) != 0.0
+    found = []
+    for j in np.flatnonzero(~told).tolist():
+        at = np.flatnonzero(driven[:, j] & ~kinematic)
+        if not at.size:
+            continue
+        gain = of_inputs[:, at, j]
+        for k in np.flatnonzero(~driven[:, j]).tolist():
+            if np.all(np.abs(of_states[:, at, k] + gain) <= OPPOSED * np.abs(gain)):
+                own = np.zeros(n_inputs + n_states)
+                own[[j, n_inputs + k]] = 1.0, -1.0
+                none = np.zeros(own.size)
+                found.append(Sum(int(at[0]), 0.0, tuple(own.tolist()), tuple(none.tolist()), through=j))
+                for velocity in (v for v, position, _ in rates if position == k):
+                    time = _one_time([-of_states[:, at, velocity] / gain])
+                    if time is not None and time > 0.0:
+                        none[n_inputs + velocity] = -1.0
+                        found.append(found[-1]._replace(time=time, rate=tuple(none.tolist())))
+    return tuple(found)
 
 
 def _partings(slopes, depends, kinematic, twists, rates):
