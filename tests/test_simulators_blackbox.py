@@ -9,8 +9,13 @@ from scipy.signal import lfilter
 
 from narx_sklearn import DiscrepancyRegressor, NARXRegressor, ODESimulator
 from narx_sklearn.discrepancy import CallableSimulator, TraceSimulator
+from narx_sklearn.discrepancy.fitting.problem import Problem
+from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Windows
+from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.surrogates import twin
+from narx_sklearn.discrepancy.surrogates.twin import identify_twin
 from narx_sklearn.exceptions import NarxWarning
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, no_start
 
@@ -88,6 +93,35 @@ def test_what_the_twin_misses_is_told_and_added_back():
         sim = TraceSimulator(y, u, dt=0.1, regressor=NARXRegressor(2, 2, degree=1))
     assert sim.twin_error_ > 0.05
     np.testing.assert_allclose(sim.simulate(u)[:, 0], y, atol=1e-12)
+
+
+def test_states_where_a_session_begins_are_none_of_the_one_before():
+    """What a map remembers would else be where another recording had ended."""
+    u, y = cubic_record()
+    u, y = np.tile(u, 2)[:, None], np.tile(y, 2)[:, None] + 0.001
+    sim = TraceSimulator(y[:, 0], u[:, 0], dt=0.1, sessions=np.repeat([0, 1], 400))
+    windows = cut([(slice(0, 400), 0), (slice(400, 800), 400)], 200, 10)
+    problem = Problem(sim, u, y, windows, Noise.white([1.0]))
+    begin = np.flatnonzero(windows.first == windows.began)
+    first, second = problem.measured_x0[0][begin]
+    np.testing.assert_array_equal(first, second)
+    told = sim.told_states(u, y, windows.first, windows.began)[begin]
+    np.testing.assert_array_equal(told[0], told[1])
+
+
+def test_a_twin_runs_where_it_was_identified_too(monkeypatch):
+    """A polynomial through all samples may turn over in a run, on the part that nobody held out."""
+    u, y = cubic_record()
+    asked = []
+
+    def error_of(model, u, y_sim, labels, chosen):
+        asked.append(chosen.copy())
+        return np.inf if model.n_terms == most and chosen[0] else 0.0
+
+    most = identify_twin(u, y, dt=0.1).simulator.model.n_terms
+    monkeypatch.setattr(twin, "_free_run_error", error_of)
+    assert identify_twin(u, y, dt=0.1).simulator.model.n_terms != most
+    assert asked[0][0] != asked[1][0]
 
 
 def test_labels_units_and_sessions_of_a_trace_are_kept():

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.search.inference import parameters_moved
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.windows import Pace, cut, find_pace, followed_for, window_length
 from narx_sklearn.discrepancy.stages import diagnosis
-from narx_sklearn.discrepancy.stages.beginning import begin
+from narx_sklearn.discrepancy.stages.beginning import DivergesError, begin
 from narx_sklearn.discrepancy.stages.diagnosis import diagnose
 from narx_sklearn.discrepancy.verify import Stretch, free_run, initial_state, within_reach
 from narx_sklearn.physics.effects import CATALOGUE
@@ -302,7 +302,8 @@ def told():
     long = short.problem.over(cut(record[3], 400, 12))
     x0 = np.zeros((long.windows.count, 2))
     nothing = Candidate(fit(long, fit_initial_states(long, x0).model), long.n_seen)
-    lost = replace(short, verdict="unknown", problem=long, best=nothing, lengthened_from=50)
+    of_long = {"problem": long, "refitted": nothing.fit, "best": nothing, "steps": (), "lengthened_from": 50}
+    lost = replace(short, verdict="unknown", **of_long)
     return record, short, lost
 
 
@@ -331,6 +332,18 @@ class TestAgainOverShorterWindows:
             answers = iter([better, again])
             monkeypatch.setattr(diagnosis, "_diagnosed", lambda *args, answers=answers: next(answers))
             assert diagnose(*record, settings_of("gravity")) is better
+
+    @pytest.mark.long
+    def test_a_simulation_that_is_lost_over_them_takes_nothing_away(self, told, monkeypatch):
+        record, _, lost = told
+
+        def diagnosed(simulator, u, y, pieces, settings):
+            if settings.window is None:
+                return lost
+            raise DivergesError("The simulation diverges.")
+
+        monkeypatch.setattr(diagnosis, "_diagnosed", diagnosed)
+        assert diagnose(*record, settings_of("gravity")) is lost
 
 
 def short_over(lost, short):

@@ -85,7 +85,7 @@ def initial_state(
     simulator = _in_session(simulator, began)
     stop = min(stretch.scored.start, stretch.rows.stop)
     noise = Noise.as_large_as(y[start:stop])
-    known = simulator.known_states(u, y, np.array([start]))[0]
+    known = simulator.known_states(u, y, np.array([start]), np.array([began]))[0]
     fewest = 2 * (int(simulator.free_states.sum()) + 1)
     quarter = min(start + max((stop - start) // 4, fewest), stop)
 
@@ -303,7 +303,7 @@ def on_held_out(
     starts: list[np.ndarray] = []
     residuals = []
     for simulator, guess in zip((before, after), guesses, strict=True):
-        known = simulator.known_states(problem.u, problem.y, windows.first)
+        known = simulator.known_states(problem.u, problem.y, windows.first, windows.began)
         # where friction holds, a fit stays near its start: that of the one is tried with the other too
         starts.append(np.where(np.isfinite(known), known, guess))
         found = [_initial_states_fitted(problem, simulator, windows, x0, lead) for x0 in starts]

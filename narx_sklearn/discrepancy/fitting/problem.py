@@ -210,14 +210,15 @@ def measured_states(
         Degree of the polynomial that is laid through the first positions, and how many.
     """
     degree, n = slope
-    known = simulator.known_states(u, y, windows.first)
+    known = simulator.known_states(u, y, windows.first, windows.began)
     given = np.isfinite(known)
     wanted = [r for r in rates if given[:, r[1]].any() and not given[:, r[0]].any()]
     if not wanted:
         return known
     samples = windows.first[:, None] + np.arange(n)
     inside = samples < windows.last[:, None]
-    along = simulator.known_states(u, y, np.where(inside, samples, windows.first[:, None]).ravel())
+    at = np.where(inside, samples, windows.first[:, None]).ravel()
+    along = simulator.known_states(u, y, at, np.repeat(windows.began, n))
     powers = np.vander(np.arange(n) / n, degree + 1, increasing=True)
     for velocity, position, factor in wanted:
         measured = along[:, position].reshape(samples.shape)

@@ -29,7 +29,8 @@ def from_other_sides(problem: Problem, found: Fit, tolerated: float = 1.0) -> Fi
     tolerated : float, default=1.0
         Cost of a sample that is noise; 0 looks from all sides whatever the first fit leaves.
     """
-    known = problem.simulator.known_states(problem.u, problem.y, problem.windows.first)
+    windows = problem.windows
+    known = problem.simulator.known_states(problem.u, problem.y, windows.first, windows.began)
     hidden = ~np.isfinite(known) & problem.simulator.free_states
     for side in (_mirrored, _reached, _visited):
         costs = _by_window(problem, found.model)

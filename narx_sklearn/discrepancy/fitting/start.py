@@ -26,7 +26,7 @@ def states_along(simulator: Simulator, u, y, pieces) -> np.ndarray:
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
     whole = Windows.whole([piece for piece, _ in pieces])
-    x, astray = _followed(simulator, u, y, whole, simulator.told_states(u, y, whole.first))
+    x, astray = _followed(simulator, u, y, whole, simulator.told_states(u, y, whole.first, whole.began))
     if not astray.any() or astray.all():  # all: what was measured is something else
         return x
     n_samples = int(np.sum(whole.last - whole.first))

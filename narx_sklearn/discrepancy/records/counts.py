@@ -54,7 +54,7 @@ def _short_record(simulator: Simulator, u, pieces):
 def _motion_from_rest(simulator: Simulator, u, piece: slice) -> np.ndarray:
     """Return the states of a run from rest; without its loop an unstable machine would soon be elsewhere."""
     first = np.array([piece.start])
-    known = simulator.known_states(u, np.zeros((u.shape[0], len(simulator.outputs))), first)
+    known = simulator.known_states(u, np.zeros((u.shape[0], len(simulator.outputs))), first, first)
     at_rest = np.where(simulator.free_states, simulator.x0, np.nan_to_num(known))
     return simulator.run(u, Windows.whole([piece]), at_rest).x[piece]
 
@@ -85,7 +85,7 @@ def _jumping_outputs(simulator: Simulator, u, y, pieces):
     if not pieces:
         return
     first = np.array([piece.start for piece in pieces], dtype=np.int64)
-    x0 = simulator.told_states(u, y, first)
+    x0 = simulator.told_states(u, y, first, first)
     simulated = simulator.run(u, Windows.whole(pieces), x0).y
     for i, signal in enumerate(simulator.outputs):
         samples, usual = find_jumps(y[:, i], simulated[:, i], pieces)

@@ -172,7 +172,7 @@ def _first_states(case: Case) -> np.ndarray:
     The sign of those that were measured without one is that of the run.
     """
     simulator, windows = case.simulator, case.windows
-    known = simulator.known_states(case.u, case.y, windows.first)
+    known = simulator.known_states(case.u, case.y, windows.first, windows.began)
     start = np.where(simulator.free_states, simulator.x0, np.nan_to_num(known))
     if not simulator.discrete or any(reads_size(effect) for effect in simulator.effects):
         whole = _whole(windows)
@@ -302,7 +302,9 @@ def _unsigned(case: Case):
     with_one_sign = [j for j, values in enumerate(case.y.T) if _has_one_sign(values)]
     if not with_one_sign:
         return
-    as_it_stands = simulator.run(case.u, whole, simulator.told_states(case.u, case.y, whole.first)).y
+    as_it_stands = simulator.run(
+        case.u, whole, simulator.told_states(case.u, case.y, whole.first, whole.began)
+    ).y
     for j in with_one_sign:
         if not _has_one_sign(as_it_stands[:, j]):
             simulator = case.simulator.with_effects((*case.simulator.effects, unsigned_at(j)))

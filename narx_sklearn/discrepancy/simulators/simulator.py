@@ -136,9 +136,9 @@ class Simulator(ABC):
         """States from which a run begins where nothing tells of others, shape (n_states,)."""
         return np.zeros(len(self.states)) if self._x0 is None else self._x0.copy()
 
-    def told_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    def told_states(self, u: np.ndarray, y: np.ndarray, samples: np.ndarray, began=None) -> np.ndarray:
         """Return the states at the given samples, shape (n, n_states): as measured, or else ``x0``."""
-        known = self.known_states(u, y, samples)
+        known = self.known_states(u, y, samples, began)
         return np.where(np.isfinite(known), known, self.x0)
 
     @property

@@ -37,6 +37,10 @@ FINEST = 1e-9  # of an output's spread: a smaller residual is rounding, in which
 CENTRED = 6  # times that a fit goes on with a simulator known nearer to its parameters
 
 
+class DivergesError(ValueError):
+    """A simulation that leaves the finite range wherever it begins, so that nothing can be fitted."""
+
+
 class Beginning(NamedTuple):
     """The fit of the simulator's own parameters, and what it was made with."""
 
@@ -67,7 +71,7 @@ def begin(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: 
     x = states_along(simulator, u, y, pieces)
     inside = np.isfinite(x).all(axis=1)
     if not inside.any():
-        raise ValueError(
+        raise DivergesError(
             "The simulation left the finite range at its first sample; check its parameters, units and dt."
             + _finer_steps(simulator, *_first_points(simulator, u, y, pieces))
         )
@@ -121,14 +125,14 @@ def _first_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the states with which pieces begin, as far as they are measured, and the inputs there."""
     first = np.array([piece.start for piece, _ in pieces], dtype=np.int64)
-    return simulator.told_states(u, y, first), u[first]
+    return simulator.told_states(u, y, first, first), u[first]
 
 
 def _check_growth(simulator: Simulator, pace: Pace, shortest: int, finer: str) -> None:
     """Raise where equations grow so fast that they are no machine's: a run is lost within any window."""
     if simulator.discrete or followed_for(simulator, pace) >= shortest / 2:
         return
-    raise ValueError(
+    raise DivergesError(
         f"The simulation diverges: as it stands it grows e-fold in {1 / (pace.growth * simulator.dt):.2g} "
         f"samples, so even a window of {shortest} samples is lost. Check the signs of its terms, its units "
         f"and its dt={simulator.dt:.6g}.{finer}"
@@ -149,7 +153,7 @@ def _check_finite(problem: Problem, refitted: Fit, finer: str) -> None:
         "Wherever it begins, its function returns NaN or inf at once, as a division by zero does, or a root "
         "or logarithm of what is negative: print what it returns for recorded states and inputs. "
     )
-    raise ValueError(
+    raise DivergesError(
         f"The simulation diverges: even begun anew in every window of {length} samples it leaves the finite "
         f"range, first at sample {k} of the record ({k * dt:.6g} s), and cannot be refitted. "
         f"{at_once * is_at_once}Check the signs of its terms, its units and its dt={dt:.6g}; start from "
@@ -269,7 +273,7 @@ def _no_worse_than_given(problem: Problem, refitted: Fit) -> Fit:
 def states_at(problem: Problem, model: Model, windows: Windows) -> np.ndarray:
     """Return the states with which other windows begin, from the run of a model, or else as measured."""
     x = problem.run(model).x[windows.first]
-    first = problem.simulator.told_states(problem.u, problem.y, windows.first)
+    first = problem.simulator.told_states(problem.u, problem.y, windows.first, windows.began)
     return np.where(np.isfinite(x), x, first)
 
 

@@ -26,6 +26,7 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
 from narx_sklearn.discrepancy.stages.apart import Apart, Part, began_of, fit_apart
 from narx_sklearn.discrepancy.stages.beginning import (
+    DivergesError,
     begin,
     centred,
     leaves_rounding,
@@ -207,8 +208,8 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     if found.verdict == "unknown" and (length := _shorter(found, settings)):
         settings.tell("again, over shorter windows")
         over_shorter = replace(settings, window=length)
-        shorter = _diagnosed(simulator, u, y, pieces, over_shorter)
-        if _explains_more(shorter, found):
+        shorter = _diagnosed_if_it_runs(simulator, u, y, pieces, over_shorter)
+        if shorter is not None and _explains_more(shorter, found):
             found, settings = shorter, over_shorter
     for _ in range(AGAIN):
         known = found.problem.simulator
@@ -216,7 +217,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         if nearer is known:
             break
         settings.tell("again, nearer to the parameters that were found")
-        found = _diagnosed(nearer, u, y, pieces, settings)
+        again = _diagnosed_if_it_runs(nearer, u, y, pieces, settings)
+        if again is None:
+            break
+        found = again
     found = _unless_straight(found, u, y, pieces, settings)
     return _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
 
@@ -235,7 +239,9 @@ def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, set
     if other is None:
         return found
     settings.tell("again, with inputs in straight lines between samples")
-    straight = _diagnosed(other, u, y, pieces, settings)
+    straight = _diagnosed_if_it_runs(other, u, y, pieces, settings)
+    if straight is None:
+        return found
     gained = priced(problem, law) - priced(straight.problem, straight.law)
     least = CLEARER if straight.verdict != "unknown" else max(CLEARER, LARGE * problem.n_seen)
     is_as_simple = straight.law.price <= law.price
@@ -263,10 +269,15 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
     if not (leave_less or beside_names):
         return found
     settings.tell("again, session by session")
-    alone = [
-        _diagnosed(problem.simulator, u, y, [piece for piece in pieces if piece[1] == began], settings)
+    of_each = [
+        _diagnosed_if_it_runs(
+            problem.simulator, u, y, [piece for piece in pieces if piece[1] == began], settings
+        )
         for began in began_of(problem)
     ]
+    alone = [one for one in of_each if one is not None]
+    if len(alone) < len(of_each):
+        return found
     all_of_it = Part(problem, found.best.fit)
     telling, missed = _missed_in_each(alone)
     if missed:
@@ -343,8 +354,10 @@ def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, setti
     if is_law and best.criterion < Candidate(beyond.fit, problem.n_seen).criterion:
         return found
     settings.tell("again, without bounds of parameters")
-    freed = _diagnosed(beyond.simulator, u, y, pieces, settings)
-    return replace(freed, narrow=beyond.passed) if freed.verdict == "refit" else found
+    freed = _diagnosed_if_it_runs(beyond.simulator, u, y, pieces, settings)
+    if freed is None or freed.verdict != "refit":
+        return found
+    return replace(freed, narrow=beyond.passed)
 
 
 def _shorter(found: Diagnosis, settings: Settings) -> int:
@@ -371,6 +384,16 @@ def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
     x0 = states_at(shorter.problem, model, long.windows)
     left = [fit(long, m).cost for m in (model._replace(x0=x0), found.best.fit.model)]
     return left[0] < (1.0 if found.lengthened_from else CLEARLY_LESS) * left[1]
+
+
+def _diagnosed_if_it_runs(
+    simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings
+) -> Diagnosis | None:
+    """Diagnose once more, otherwise; None where the simulation is lost there, and what was found stands."""
+    try:
+        return _diagnosed(simulator, u, y, pieces, settings)
+    except DivergesError:
+        return None
 
 
 def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:

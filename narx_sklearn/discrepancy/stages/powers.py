@@ -88,7 +88,8 @@ def _where_it_was(problem: Problem, refitted: Fit) -> np.ndarray:
     """
     rows = problem.rows[problem.inside]
     simulated = problem.run(refitted.model).x[rows]
-    measured = problem.simulator.known_states(problem.u, problem.y, rows)
+    began = np.repeat(problem.windows.began, problem.windows.last - problem.windows.first)
+    measured = problem.simulator.known_states(problem.u, problem.y, rows, began)
     return np.where(np.isfinite(measured), measured, simulated)
 
 

@@ -65,7 +65,8 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
     Returns
     -------
     Twin
-        The best model by its free run on the last part of each session, which the fit did not see.
+        The best model by its free run on the last part of each session, which the fit did not see; on the
+        part before it must run too, where a polynomial that goes through all samples may turn over.
 
     Raises
     ------
@@ -97,7 +98,10 @@ def identify_twin(u, y_sim, *, dt: float, sessions=None, regressor=None) -> Twin
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NarxWarning)
                 candidate = candidate.fit(_rows(u, training), _rows(y_sim, training), labels[training])
-                error = _held_out_error(candidate.model_, u, measured, labels, ~training)
+                error = max(
+                    _free_run_error(candidate.model_, u, measured, labels, chosen)
+                    for chosen in (~training, training)
+                )
         except ValueError as refusal:
             refused = refusal  # the part is shorter than these lags, or its regressors are all constant
             continue
@@ -169,7 +173,7 @@ def _rows(data, chosen: np.ndarray):
     return data[chosen] if hasattr(data, "iloc") else as_signals(data, "data")[chosen]
 
 
-def _held_out_error(model, u, y_sim, labels, chosen) -> float:
+def _free_run_error(model, u, y_sim, labels, chosen) -> float:
     """Return the free-run error over the standard deviation of the worst output; inf where it diverged."""
     inputs = as_signals(u, "u")[chosen]
     y = y_sim[chosen]
