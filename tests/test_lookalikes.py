@@ -138,6 +138,22 @@ class TestLookAlikes:
         assert naming._converged_best(problem, on_the_way, pool, 2 * plain.fit.cost, None) is other
         assert any(c is fitted for c in pool)
 
+    @pytest.mark.parametrize(("better", "kept"), [(0.5 * ALIKE, False), (2.0 * ALIKE, True)])
+    def test_a_member_that_pays_for_itself_by_nothing_to_speak_of_is_dropped(self, monkeypatch, better, kept):
+        """A stop that is touched once pays as an accident does."""
+        problem, (plain, _), _ = self.candidates(size=0.3)
+        load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.0,))
+        both = Candidate(
+            fit(problem, plain.fit.model._replace(effects=(*plain.effects, load))), plain.n_samples
+        )
+        cost = both.fit.cost * np.exp((plain.criterion - better - both.criterion) / plain.n_samples)
+        both = Candidate(both.fit._replace(cost=cost), plain.n_samples)
+        monkeypatch.setattr(naming, "converged", lambda p, c, n_jobs: c)
+        best = naming._with_fewer(problem, both, [both, plain], 2 * plain.fit.cost, None)
+        assert best is (both if kept else plain)
+        alone = Candidate(both.fit._replace(model=both.fit.model._replace(effects=(load,))), plain.n_samples)
+        assert naming._with_fewer(problem, plain, [plain, alone], 2 * plain.fit.cost, None) is plain
+
     @pytest.mark.parametrize("share", [0.5, 2.0])
     def test_two_curves_of_one_signal_give_way_to_one_name_that_a_form_of_its_own_completes(
         self, monkeypatch, share
