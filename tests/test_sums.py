@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.fitting.acting import state_forces
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
+from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.places import placements
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.simulators.simulator import Windows
@@ -228,6 +229,21 @@ def test_a_run_takes_the_sum_that_its_parameters_have():
     written = plain(twisting(loose), 3).with_parameters(model.p).simulate(u)
     np.testing.assert_allclose(problem.run(model).y, written, rtol=1e-5, atol=1e-6)
     assert fit(problem, model, iterations=0).model.effects[0].second == problem.tied(model).effects[0].second
+
+
+def test_what_two_bodies_differ_by_is_counted_behind_the_gear():
+    """Friction goes with the load on the teeth, which is the spring's; what acts between both is such too."""
+    simulator = plain(geared(shaft), 4)
+    structure = structure_of(simulator)
+    assert structure.geared(0, 2) == pytest.approx(3.0, rel=1e-5)
+    assert structure.geared(3, 1) == pytest.approx(1.0 / 3.0, rel=1e-5)
+    assert structure.geared(0, 1) == 1.0
+    by_load = placements(CATALOGUE["load_friction"], simulator, structure)
+    (loaded,) = (p for p in by_load if p.second_name == "x0 - 3 x x2" and p.onward < 0)
+    assert loaded.second == pytest.approx((0.0, 1.0, 0.0, -3.0, 0.0), abs=1e-4)
+    between = next(p for p in by_load if p.onward >= 0)  # told at the load, which it moves more
+    assert (between.port, between.argument_name) == (Port("state", 3), "x3 - 0.3333 x x1")
+    assert between.share == pytest.approx(1.0 / (2.0 * 3.0), rel=1e-5)  # of inertias, and by the gear
 
 
 def held_back(x, u, p):
