@@ -547,43 +547,6 @@ def test_it_is_named_behind_the_controller(effect, put_out, told):
 
 
 @pytest.mark.long
-def test_a_torque_that_arrives_late_is_named_where_the_loop_is_closed_by_it():
-    """Two loops, one in the other, by measured place and speed: nothing before them does the same."""
-    rng = np.random.default_rng(4)
-    u = np.repeat(rng.uniform(-1.0, 1.0, 40), 100)
-    (kpp, kpv, kiv), (inertia, friction), h = (18.0, 4.0, 60.0), (0.05, 0.14), 0.001 / 20
-    place = speed = integral = 0.0
-    held, y = [0.0] * 124, []  # 6.2 ms
-    for reference in u:
-        y.append((place, speed))
-        for _ in range(20):
-            error = kpp * (reference - place) - speed
-            held.append(kpv * error + kiv * integral)
-            place += h * speed
-            speed += h * (held.pop(0) - friction * speed) / inertia
-            integral += h * error
-
-    def table(x, u, p):
-        error = p[2] * (u[0] - x[0]) - x[1]
-        return x[1], (p[3] * error + p[4] * x[2] - p[1] * x[1]) / p[0], error
-
-    simulator = ODESimulator(
-        table,
-        dt=0.001,
-        parameters={"J": 0.045, "b": 0.12, "kpp": 18.0, "kpv": 4.0, "kiv": 60.0},
-        states=["place [rad]", "speed [rad/s]", "integral [rad]"],
-        inputs=["reference [rad]"],
-        outputs=["place [rad]", "speed [rad/s]"],
-        output=[0, 1],
-    )
-    y = np.array(y) + [0.0012, 0.05] * rng.standard_normal((u.size, 2))
-    dx = DiscrepancyRegressor(simulator, random_state=0).fit(u, y)
-    finding = dx.findings_[0]
-    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "delay", "state:2")
-    assert finding.parameters["T"] == pytest.approx(0.0062, rel=0.03)
-
-
-@pytest.mark.long
 def test_an_integral_that_does_not_wind_up_is_told_beside_the_limit():
     dx = diagnosed(lambda v: min(max(v, -24.0), 24.0), tracking=5.0)
     finding = dx.findings_[0]
