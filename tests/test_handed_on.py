@@ -26,15 +26,15 @@ def cylinder(x, u, p):
     return (u[0] - spool) / p[0], p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
 
 
-def make(equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
+def make(equations=cylinder, lag=0.08, gain=6.0, damping=2.0, **shown):
+    shown = shown or {"outputs": ["speed [m/s]"], "output": [1]}
     return ODESimulator(
         equations,
         dt=DT,
         parameters={"lag [s]": lag, "gain [m/s^2/V]": gain, "damping [1/s]": damping},
         states=["spool [V]", "speed [m/s]"],
         inputs=["valve [V]"],
-        outputs=["speed [m/s]"],
-        output=[1],
+        **shown,
     )
 
 
@@ -195,21 +195,13 @@ def test_a_play_behind_it_is_that_of_the_state():
     assert np.abs(run.x[:, 1] - told).max() < 0.02 * np.std(told)  # of the step in which it begins
 
 
-def measured(flow=lambda x, u, p: p[1] * x[0], equations=cylinder, lag=0.08, gain=6.0, damping=2.0):
+def measured(flow=lambda x, u, p: p[1] * x[0], equations=cylinder, **parameters):
     """Return the cylinder with a meter of what flows, which is made of where the spool is."""
 
     def shown(x, u, p):
         return x[1], flow(x, u, p)
 
-    return ODESimulator(
-        equations,
-        dt=DT,
-        parameters={"lag [s]": lag, "gain [m/s^2/V]": gain, "damping [1/s]": damping},
-        states=["spool [V]", "speed [m/s]"],
-        inputs=["valve [V]"],
-        outputs=["speed [m/s]", "flow [l/min]"],
-        output=shown,
-    )
+    return make(equations, **parameters, outputs=["speed [m/s]", "flow [l/min]"], output=shown)
 
 
 @pytest.mark.parametrize("code", ["dead_zone", "backlash"])

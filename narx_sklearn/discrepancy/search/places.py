@@ -1,6 +1,6 @@
 """Where an effect may act on a simulator: at which port, and on which signals it depends there."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.discrepancy.simulators.sums import difference_in_words
+from narx_sklearn.discrepancy.simulators.sums import Sum, difference_in_words
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
 from narx_sklearn.physics.effects import PARAMETER, Effect
 
@@ -98,22 +98,23 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
     integral, if it has one, may follow what is left. Outputs that are made of the same may have it too, as a
     flow has what a stem does.
     """
-    errors = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.errors]
+
+    def on(sums: Iterable[Sum]) -> list[PlacedEffect]:
+        return [of.under(at_state(effect, of.state, simulator), simulator) for of in sums]
+
     if effect.put_out is not None:
-        told = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.controllers]
-        return told + errors
+        return on(structure.controllers + structure.errors)
     if effect.handed_on is None:
         return []
     if effect.argument == "position":
-        places = [of.under(at_state(effect, of.state, simulator), simulator) for of in structure.couplings]
+        places = on(structure.couplings)
         shown = np.any(structure.read[:, len(simulator.inputs) :], axis=0)
         places = [p if shown[p.port.index] else _counted_from_zero(p) for p in places]
     else:
         places = [replace(at_state(effect, i, simulator), handed_on=True) for i in structure.handed_on]
-        for of in structure.controllers:
-            placed = of.under(at_state(effect, of.state, simulator), simulator)
+        for of, placed in zip(structure.controllers, on(structure.controllers), strict=True):
             places += [placed, replace(placed, onward=of.state, share=1.0 / of.time)]
-        places += errors
+        places += on(structure.errors)
     return [seen for placed in places for seen in seen_or_not(placed, structure)]
 
 

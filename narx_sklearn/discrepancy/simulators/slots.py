@@ -32,7 +32,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
             through[i] = n_inputs + placed.port.index
         memory[i], jumps[i], after[i], strength[i] = placed.n_memory, effect.jumps, effect.after, scale
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
-        sums[i], seen[i] = placed.is_on_sum, placed.handed_on and placed.is_seen
+        sums[i], seen[i] = placed.is_on_sum, placed.is_seen
         late[i] = -1.0 if placed.dead_time is None else placed.dead_time
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i], along[i] = placed.during

@@ -192,15 +192,14 @@ def find_errors(
         gain = of_inputs[:, at, j]
         for k in np.flatnonzero(~driven[:, j]).tolist():
             if np.all(np.abs(of_states[:, at, k] + gain) <= OPPOSED * np.abs(gain)):
-                own = np.zeros(n_inputs + n_states)
+                own, rate = np.zeros((2, n_inputs + n_states))
                 own[[j, n_inputs + k]] = 1.0, -1.0
-                none = np.zeros(own.size)
-                found.append(Sum(int(at[0]), 0.0, tuple(own.tolist()), tuple(none.tolist()), through=j))
+                found.append(Sum(int(at[0]), 0.0, tuple(own.tolist()), tuple(rate.tolist()), through=j))
                 for velocity in (v for v, position, _ in rates if position == k):
                     time = _one_time([-of_states[:, at, velocity] / gain])
                     if time is not None and time > 0.0:
-                        none[n_inputs + velocity] = -1.0
-                        found.append(found[-1]._replace(time=time, rate=tuple(none.tolist())))
+                        rate[n_inputs + velocity] = -1.0
+                        found.append(found[-1]._replace(time=time, rate=tuple(rate.tolist())))
     return tuple(found)
 
 

@@ -16,7 +16,6 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
 
 SWAPS = 6  # effects that are tried in the place of a member because they would change the run alike
-LAWS = ("look-alike", "general")  # that nobody tried yet: the latter where the former comes near
 LEFT = 0.1  # share of what a member changes that another may leave, for it to be tried
 
 
@@ -140,7 +139,7 @@ def untried(
             if _may_replace(h, best, kept) and frozenset({h.placed.place, *there}) not in known
         ]
         beside, names = None, set(member.effect.lookalikes)
-        for _ in LAWS:
+        for _ in range(2):
             rivals = [h for h in others if h.placed.effect.code in names]
             if not rivals:
                 break
