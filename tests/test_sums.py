@@ -460,10 +460,32 @@ def test_a_dead_time_of_nothing_is_none():
     assert np.std(hardly - none) < 0.002 * np.std(none)
 
 
-def test_nothing_but_how_late_it_is_has_a_meaning_there():
+@pytest.mark.parametrize(
+    ("placed", "arrives"),
+    [
+        (("delay", 0.03, 1.0), dead_time(0.03)),
+        (("delay", 0.0124, 1.0), dead_time(0.0124)),
+        (("lag", 0.03, 1.0, 0.0), lagging(0.03)),
+        (("rate_limit", 250.0 / KI, 1.0, 0.0), limited(250.0)),
+    ],
+    ids=lambda case: f"{case[0]}-{case[1]:.4g}" if isinstance(case, tuple) else "",
+)
+def test_what_is_put_out_first_may_come_to_a_machine_at_rest(placed, arrives):
+    """All of it is lacking then, as where a record begins with a step."""
+    code, *theta = placed
+    u = np.repeat([30.0, -20.0, 10.0], 30)
+    speed, from_first_on = (
+        make().with_effects([late(code).at([theta[0], lacking, *theta[2:]])]).simulate(u)[:, 0]
+        for lacking in (1.0, 0.0)
+    )
+    told = slowly(u, tuple(NOMINAL.values()), arrives)
+    assert np.std(speed - told) < 0.01 * np.std(told) < 0.3 * np.std(from_first_on - told)
+
+
+def test_how_a_delay_is_built_has_no_meaning_there():
     placed = late("rate_limit").at([40.0, 0.3, 1.0])
-    assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0]]
-    assert (placed.n_values, placed.n_memory) == (1, 1)
+    assert placed.bounds.tolist() == [[0.0, np.inf], [-10.0, 10.0], [0.0, 0.0]]
+    assert (placed.n_values, placed.n_memory, placed.lacking) == (1, 1, 0.3)
     assert late("delay").at([0.1, 0.0]).dead_time == 0.1
     assert placed.dead_time is None
     assert parameter_units(placed, make())[0] == "rad/s"
@@ -472,14 +494,14 @@ def test_nothing_but_how_late_it_is_has_a_meaning_there():
 
 def test_what_arrives_late_is_told_sample_by_sample():
     u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 20), 30)
-    simulator = make().with_effects([late("delay").at([0.02, 0.0])])
+    simulator = make().with_effects([late("delay").at([0.02, 0.25])])
     whole = Windows.whole([slice(0, u.size)])
     run = simulator.run(u[:, None], whole, np.zeros((1, 3)))
-    rows = np.arange(3, u.size)
-    argument, added = state_forces(simulator, run, u[:, None], whole, rows)[0]
+    argument, added = state_forces(simulator, run, u[:, None], whole, np.arange(u.size))[0]
     put_out = KP / KI * (u - run.x[:, 0]) + run.x[:, 2]
-    np.testing.assert_allclose(argument, put_out[3:], rtol=1e-6)
-    np.testing.assert_allclose(added, put_out[1:-2] - put_out[3:], rtol=1e-5, atol=1e-5)
+    was = [*[0.75 * put_out[0]] * 2, *put_out[:-2]]
+    np.testing.assert_allclose(argument, put_out, rtol=1e-6)
+    np.testing.assert_allclose(added, was - put_out, rtol=1e-5, atol=1e-5)
 
 
 def test_what_is_only_late_is_the_same_before_an_actuator():
@@ -544,6 +566,43 @@ def test_it_is_named_behind_the_controller(effect, put_out, told):
     assert (dx.verdict_, finding.effect, finding.port) == ("explained", effect, "state:2")
     for name, value in told.items():
         assert finding.parameters[name] == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.long
+def test_a_torque_that_arrives_late_is_named_where_the_loop_is_closed_by_it():
+    """Two loops, one in the other, by measured place and speed: nothing before them does the same."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 40), 100)
+    (kpp, kpv, kiv), (inertia, friction), h = (18.0, 4.0, 60.0), (0.05, 0.14), 0.001 / 100
+    place = speed = integral = 0.0
+    held, y = [0.0] * 620, []  # 6.2 ms
+    for reference in u:
+        y.append((place, speed))
+        for _ in range(100):
+            error = kpp * (reference - place) - speed
+            held.append(kpv * error + kiv * integral)
+            place += h * speed
+            speed += h * (held.pop(0) - friction * speed) / inertia
+            integral += h * error
+
+    def table(x, u, p):
+        error = p[2] * (u[0] - x[0]) - x[1]
+        return x[1], (p[3] * error + p[4] * x[2] - p[1] * x[1]) / p[0], error
+
+    simulator = ODESimulator(
+        table,
+        dt=0.001,
+        parameters={"J": 0.045, "b": 0.12, "kpp": 18.0, "kpv": 4.0, "kiv": 60.0},
+        states=["place [rad]", "speed [rad/s]", "integral [rad]"],
+        inputs=["reference [rad]"],
+        outputs=["place [rad]", "speed [rad/s]"],
+        output=[0, 1],
+    )
+    y = np.array(y) + [0.0012, 0.05] * rng.standard_normal((u.size, 2))
+    dx = DiscrepancyRegressor(simulator, random_state=0).fit(u, y)
+    finding = dx.findings_[0]
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "delay", "state:2")
+    assert finding.parameters["T"] == pytest.approx(0.0062, rel=0.01)
 
 
 @pytest.mark.long

@@ -202,7 +202,8 @@ class PlacedEffect:
         for k in (*choice, *self.effect.chosen) if self.theta else ():
             limits[k] = (self.theta[k],) * 2
         if self.is_how_it_follows or self.put_out:
-            for k in {self.effect.begin, self.effect.form, *choice} - {None}:
+            begin = self.effect.begin if self.is_how_it_follows else None
+            for k in {begin, self.effect.form, *choice} - {None}:
                 limits[k] = (0.0, 0.0)
         if self.port.kind == "input" or self.handed_on:
             given = [p.at_input for p in self.effect.parameters]
@@ -243,6 +244,11 @@ class PlacedEffect:
         """By how much later than it is put out a controller's output arrives, s; None of all else."""
         late = None if self.put_out is None else self.put_out.late
         return None if late is None else self.theta[late]
+
+    @property
+    def lacking(self) -> float | None:
+        """Share of a controller's first output that was not there yet before a record; None of all else."""
+        return None if self.put_out is None else self.theta[self.effect.begin]
 
     @property
     def is_how_it_follows(self) -> bool:

@@ -94,9 +94,10 @@ def _late(
     if placed.dead_time is None:
         return np.zeros(rows.size)
     put_out = placed.argument_of(u, run.x)
-    then = np.maximum(rows - placed.dead_time / dt, rows - age_of(windows, rows))
+    then, began = rows - placed.dead_time / dt, rows - age_of(windows, rows)
     known = np.flatnonzero(np.isfinite(put_out))
-    return np.interp(then, known, put_out[known]) - put_out[rows]
+    was = np.interp(np.maximum(then, began), known, put_out[known])
+    return np.where(then < began, 1.0 - placed.lacking, 1.0) * was - put_out[rows]
 
 
 def _beside(simulator: Simulator, x: np.ndarray, u: np.ndarray, through: int, force: float) -> np.ndarray:

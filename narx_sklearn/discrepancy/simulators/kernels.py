@@ -218,8 +218,11 @@ def _end_step(past, count, e):
 
 
 @njit(nogil=True, inline="always")
-def _put_out_until(past, count, e, then, time, value):
-    """Return the integral of what was put out until ``then``; before all that is kept, what came first."""
+def _put_out_until(past, count, e, then, time, value, lacking):
+    """Return the integral of what was put out until ``then``.
+
+    Before all that is kept it is what came first, less the share that was lacking.
+    """
     at, n, size = count[e, 0], count[e, 1], past.shape[1]
     begun, first, integral = past[e, at, 0], past[e, at, 2], past[e, at, 5]
     if then >= begun:
@@ -227,7 +230,7 @@ def _put_out_until(past, count, e, then, time, value):
         slope = (value - first) / (time - begun) if time > begun else 0.0
         return integral + on * (first + 0.5 * on * slope)
     if n == 0:
-        return integral + (then - begun) * first
+        return integral + (then - begun) * first * (1.0 - lacking)
     back = min(max(int((begun - then) / past[e, (at - 1) % size, 1]), 1), n)
     while back < n and past[e, (at - back) % size, 0] > then:
         back += 1
@@ -236,13 +239,13 @@ def _put_out_until(past, count, e, then, time, value):
     begun, step, first, middle, last, integral = past[e, (at - back) % size]
     on = min((then - begun) / step, 1.0)
     if on <= 0.0:
-        return integral + (then - begun) * first
+        return integral + (then - begun) * first * (1.0 - lacking)
     slope, bend = 4.0 * middle - 3.0 * first - last, 2.0 * (first - 2.0 * middle + last)
     return integral + step * on * (first + on * (slope / 2.0 + on * bend / 3.0))
 
 
 @njit(nogil=True, inline="always")
-def _as_it_was(past, count, e, r, late, time, h, value):
+def _as_it_was(past, count, e, r, late, time, h, value, lacking):
     """Return what was put out some time ago, the mean over the share of a step that a stage stands for.
 
     Then a step counts whatever jumped in it, and when. What lies ahead goes on as it did.
@@ -251,8 +254,8 @@ def _as_it_was(past, count, e, r, late, time, h, value):
         return value
     wide = h / 6.0 if r % 3 == 0 else h / 3.0
     begin, end = time - late - (wide if r > 0 else 0.0), time - late + (wide if r < 3 else 0.0)
-    until = _put_out_until(past, count, e, end, time, value)
-    return (until - _put_out_until(past, count, e, begin, time, value)) / (end - begin)
+    until = _put_out_until(past, count, e, end, time, value, lacking)
+    return (until - _put_out_until(past, count, e, begin, time, value, lacking)) / (end - begin)
 
 
 @njit(nogil=True, inline="always")
@@ -333,6 +336,7 @@ def _simulate_windows(
     seconds,
     strength,
     late,
+    lacking,
     theta,
     memory,
     jumps,
@@ -382,10 +386,11 @@ def _simulate_windows(
     `through` an input (else that is -1) is added to it, and the equations tell what it does; so is what is
     added to a state, which counts after the inputs, as all equations but its own have it; and outputs too,
     where it is `seen`. Of `sums` the second argument is what the force depends on (what a controller puts
-    out). One that is `late`, by so much time, is what that was then, less what it is; before a session it
-    stood still. Each acts in the steps that start between its times `begins` and `ends`, counted from where
-    the session began or, `along` the record, from its first sample. The equations jump by about twice an
-    `authority` where one of the `switches` @ x is zero, to within a `width`.
+    out). One that is `late`, by so much time, is what that was then, less what it is. Before a session what
+    it depends on, and remembers, was what it is at first, less a `lacking` share of it; that is NaN of all
+    that starts at zero. Each acts in the steps that start between its times `begins` and `ends`, counted from
+    where the session began or, `along` the record, from its first sample. The equations jump by about twice
+    an `authority` where one of the `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
     is told those of the states, forces and all, where its sample's first step begins. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
@@ -445,7 +450,8 @@ def _simulate_windows(
     past = np.zeros((n_forces, n_kept * (FINER if may_part else 1), 6))
     count = np.zeros((n_forces, 2), dtype=np.int64)
     for w in range(first.size):
-        if fresh[w]:
+        begins_anew = fresh[w]
+        if begins_anew:
             z[:] = 0.0
             count[:] = 0
         for i in range(n_states):
@@ -541,9 +547,12 @@ def _simulate_windows(
                                     own *= 0.5
                                     argument += own * dt
                             row = 4 * e + r
+                            if special is not None and begins_anew and not np.isnan(lacking[e]):
+                                z[e, 0] = z_stage[e, 0] = argument * (1.0 - lacking[e])
                             if special is not None and late[e] >= 0.0:
                                 _keep_stage(past, count, e, r, time, h, argument)
-                                force = _as_it_was(past, count, e, r, late[e], time, h, argument) - argument
+                                was = _as_it_was(past, count, e, r, late[e], time, h, argument, lacking[e])
+                                force = was - argument
                             else:
                                 force = _force(effects, e, row, argument, rate, own, other, time, within)
                             force = _shared(force, share[e])
@@ -559,6 +568,7 @@ def _simulate_windows(
                                 slope[r, port[e]] += force
                             if onward[e] >= 0:
                                 slope[r, onward[e]] -= theta[e, SPILL] * force
+                        begins_anew = False
                         watched = r == 0 and parts == 1 and may_part
                         if watched and _is_parted(x, slope, settled, edges, weights, sticks, share, h):
                             parts = FINER
@@ -642,8 +652,7 @@ def simulate_windows():
         MATRIX,
         VECTOR,
         MATRIX,
-        VECTOR,
-        VECTOR,
+        *[VECTOR] * 3,
         MATRIX,
         INTEGERS,
         *[FLAGS] * 6,

@@ -21,7 +21,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
     weights = np.zeros((MAX_EFFECTS, n_states))
     seconds = np.full((MAX_EFFECTS, n_inputs + n_states), np.nan)
     answer, strength = np.zeros((2, MAX_EFFECTS))
-    late = np.full(MAX_EFFECTS, -1.0)
+    late, lacking = np.full(MAX_EFFECTS, -1.0), np.full(MAX_EFFECTS, np.nan)
     theta = np.zeros((MAX_EFFECTS, MAX_THETA))
     begins, ends = np.full((2, MAX_EFFECTS), np.inf)
     for i, (placed, scale) in enumerate(forces):
@@ -34,6 +34,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
         sticks[i] = effect.last and not effect.after  # a hard limit is asked last too, and holds nothing
         sums[i], seen[i] = placed.is_on_sum, placed.is_seen
         late[i] = -1.0 if placed.dead_time is None else placed.dead_time
+        lacking[i] = np.nan if placed.lacking is None else placed.lacking
         inertial[i], answer[i] = placed.inertial, 0.0 if placed.inertial else placed.answer
         begins[i], ends[i], along[i] = placed.during
         weights[i, : len(placed.weights)] = placed.weights
@@ -44,7 +45,7 @@ def slots(forces: Sequence[tuple[PlacedEffect, float]], n_inputs: int, n_states:
             theta[i, SPILL] = placed.taken_onward
     flags = jumps, after, sticks, inertial, sums, seen
     ways = port, onward, through
-    sizes = weights, answer, seconds, strength, late
+    sizes = weights, answer, seconds, strength, late, lacking
     return addresses, n, *ways, *sizes, theta, memory, *flags, begins, ends, along
 
 

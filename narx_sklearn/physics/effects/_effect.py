@@ -45,7 +45,7 @@ class PutOut(NamedTuple):
     """What makes the output of a controller arrive later than it is put out: a force, or a dead time."""
 
     force: Any = None  # like an effect's ``force``: what is added to it
-    n_memory: int = 0  # states of its own, which start at zero
+    n_memory: int = 0  # states of its own, the first of which begins at what is put out, less what is lacking
     late: int | None = None  # index of the parameter that is the dead time
 
 
@@ -122,7 +122,7 @@ class Effect:
         ``force``, what is added to it there; compiled by numba.
     put_out : PutOut, optional
         For the output of a controller among the equations alone: what is only late there is the same before
-        an actuator. Where its memory begins and how the effect is built have no meaning there.
+        an actuator. How the effect is built has no meaning there.
     following : callable, optional
         For the equation of such a state itself, like ``force``: how it follows. Where a memory begins and how
         the effect is built have no meaning there.
