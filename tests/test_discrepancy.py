@@ -47,7 +47,8 @@ def record(kind, seed=0, n=2500, noise=0.02, size=1.0):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.normal(0, 3, n // 10), 10)
     gain, damping, stiffness = np.array([1.0, 0.8, 12.0]) * (1 + 0.2 * rng.uniform(-1, 1, 3))
-    drive = np.where(np.abs(u) > 1.0, u - np.sign(u), 0.0) if kind == "dead_zone" else u
+    beyond = {"dead_zone": (-1.0, 1.0), "overlap": (-0.5, 1.2)}.get(kind, (0.0, 0.0))
+    drive = u - np.clip(u, *beyond)
 
     def rate(x, v, force):
         a = gain * force - damping * v - stiffness * x
@@ -109,6 +110,14 @@ class TestVerdicts:
         assert dx.findings_[0].effect == kind
         assert dx.scores_.loc["augmented", "nrmse"] < 1.1 * 0.02
         assert dx.scores_.loc["augmented", "removed_low"] > 0.5
+
+    def test_a_zone_that_lies_more_to_one_side_comes_without_a_load(self):
+        u, y, _ = record("overlap", seed=5, noise=0.01)
+        dx = DiscrepancyRegressor(nominal(), effects=[*SOME, "constant_load"]).fit(u, y)
+        assert (dx.verdict_, [f.effect for f in dx.findings_]) == ("explained", ["dead_zone"])
+        told = dx.findings_[0].parameters
+        assert told["o"] == 1.0
+        assert (told["c"] - told["d"], told["c"] + told["d"]) == pytest.approx((-0.5, 1.2), abs=0.02)
 
     def test_wrong_parameters_are_refitted_and_no_physics_is_sold(self):
         u, y, truth = record("nothing", seed=2)

@@ -660,6 +660,8 @@ class TestTransforms:
         assert transformed("input_saturation", signal, [-1.0, 1.5, 0.0]).tolist() == [-1.0, -0.5, 0.5, 1.5]
         assert transformed("dead_zone", signal, [0.75, 0.0, 0.0]).tolist() == [-1.25, 0.0, 0.0, 1.25]
         assert transformed("dead_zone", [3.0, 4.5, 7.0], [1.0, 5.0, 0.0]).tolist() == [4.0, 5.0, 6.0]
+        overlap = transformed("dead_zone", [-1.0, -0.3, 0.4, 1.0], [0.45, 0.05, 0.0, 1.0])  # from -0.4 to 0.5
+        np.testing.assert_allclose(overlap, [-0.6, 0.0, 0.0, 0.5], atol=1e-15)
         assert transformed("quantisation", [0.3, 0.8, -1.3], [0.5]).tolist() == [0.5, 1.0, -1.5]
         assert transformed("input_polynomial", [2.0], [0.5, 0.25, 0.0]).tolist() == [6.0]
         assert transformed("input_polynomial", [3.0], [0.5, 0.25, 1.0]).tolist() == [7.0]

@@ -140,7 +140,7 @@ def test_a_law_beyond_a_threshold_leads_where_the_mismatch_is_in_few_places(reco
 
 def test_what_adds_something_elsewhere_too_is_not_told_to_act_in_a_place():
     zone = PlacedEffect(
-        CATALOGUE["dead_zone"], Port("input", 0), theta=(0.5, 0.0, 0.0), argument_name="drive"
+        CATALOGUE["dead_zone"], Port("input", 0), theta=(0.5, 0.0, 0.0, 0.0), argument_name="drive"
     )
     drive = np.linspace(-2.0, 2.0, 101)
     assert where_in_words(zone, drive, -np.clip(drive, -0.5, 0.5)) == ""

@@ -113,11 +113,13 @@ def test_what_feels_others_or_drives_none_is_none():
 @pytest.mark.parametrize("effect", [effect for effect in ACTING if effect.memoryless], ids=str)
 @given(
     values=st.lists(st.floats(-4.0, 4.0), min_size=1, max_size=8),
-    theta=st.tuples(st.floats(0.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.8)),
+    theta=st.tuples(
+        st.floats(0.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.8), st.sampled_from([0.0, 1.0])
+    ),
 )
 def test_it_is_what_it_does_to_an_input(effect, values, theta):
     signal = np.array(values)
-    theta = np.array([-theta[0] - 0.1, theta[1] + 1.1, theta[2]] if effect.levels else theta)
+    theta = np.array([-theta[0] - 0.1, theta[1] + 1.1, theta[2], 0.0] if effect.levels else theta)
     unused = np.zeros(1)
     added = [effect.handed_on(s, 0.0, s, 0.0, 0.0, DT, unused, theta, unused) for s in values]
     at_input = effect.transform(signal, None, DT, theta, [0]) - signal
@@ -160,16 +162,17 @@ def test_a_stem_that_sticks_again_goes_in_steps_however_far_the_spool_goes_in_on
     assert np.all((off <= of_a_step + 1e-9) | (np.abs(off - step) <= of_a_step + 1e-9))
 
 
-def test_against_equations_that_have_it():
+@pytest.mark.parametrize("o", [0.0, 1.0])
+def test_against_equations_that_have_it(o):
     d, c = 0.4, 0.1
 
     def overlapped(x, u, p):
         spool, speed = x[0], x[1]
-        passed = spool - min(max(spool - c, -d), d)
+        passed = spool - min(max(spool - c, -d), d) - o * c
         return (u[0] - spool) / p[0], p[1] * passed * (1.0 - 0.1 * speed) - p[2] * speed
 
     u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
-    placed = behind("dead_zone", make()).at([d, c, 0.0])
+    placed = behind("dead_zone", make()).at([d, c, 0.0, o])
     with_effect, written = make().with_effects([placed]), make(overlapped)
     np.testing.assert_allclose(with_effect.simulate(u), written.simulate(u), atol=1e-12)
     whole = Windows.whole([slice(0, u.size)])
@@ -178,7 +181,7 @@ def test_against_equations_that_have_it():
     rows = np.arange(0, u.size, 7)
     argument, added = state_forces(with_effect, run, u[:, None], whole, rows)[0]
     np.testing.assert_array_equal(argument, run.x[rows, 0])
-    np.testing.assert_allclose(added, -np.clip(argument - c, -d, d))
+    np.testing.assert_allclose(added, -np.clip(argument - c, -d, d) - o * c)
     assert effect_regressors(with_effect) == ()  # no signal of the record is that state
 
 
@@ -212,7 +215,7 @@ def test_outputs_made_of_the_state_may_have_it_too(code):
     hidden, seen = (p for p in found if p.handed_on)
     assert (hidden.is_seen, seen.is_seen) == (False, True)
     assert hidden.place != seen.place
-    theta = [0.3, 0.0, 0.0] if code == "dead_zone" else [1.0, 0.3, 0.0, 0.0]
+    theta = [0.3, 0.0, 0.0, 0.0] if code == "dead_zone" else [1.0, 0.3, 0.0, 0.0]
     u = np.repeat(np.random.default_rng(2).uniform(-2, 2, 25), 8)
     speed, flow = simulator.with_effects([seen.at(theta)]).simulate(u).T
     run = simulator.with_effects([hidden.at(theta)]).run(

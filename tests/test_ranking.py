@@ -131,7 +131,7 @@ def searched():
     u = np.repeat(rng.normal(0.0, 3.0, 101), 15)[:1500, None]
     drive = Port("input", 0)
     both = [
-        PlacedEffect(CATALOGUE["dead_zone"], drive, theta=(0.8, 0.0, 0.1)),
+        PlacedEffect(CATALOGUE["dead_zone"], drive, theta=(0.8, 0.0, 0.1, 0.0)),
         PlacedEffect(CATALOGUE["input_saturation"], drive, theta=(-4.0, 4.0, 0.1)),
     ]
     y = make_axis(1.1, 0.4).with_effects(both).simulate(u) + 0.002 * rng.normal(size=(1500, 1))

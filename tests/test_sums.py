@@ -303,11 +303,11 @@ def test_against_equations_that_have_it(tracking):
 
 
 def test_it_is_told_in_the_unit_of_the_integral():
-    placed = behind("dead_zone", make()).at([0.2, 0.0, 0.0])
+    placed = behind("dead_zone", make()).at([0.2, 0.0, 0.0, 0.0])
     words = place_in_words(placed, make())
     assert words == "behind integral + 0.1333 s x its rate, as the other equations have it"
     assert argument_told(placed) == "s = integral + 0.1333 s x its rate [rad]"
-    assert parameter_units(placed, make()) == ["rad"] * 3
+    assert parameter_units(placed, make()) == ["rad", "rad", "rad", "-"]
 
 
 def test_how_fast_the_integral_follows_is_told():

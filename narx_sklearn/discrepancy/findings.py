@@ -519,7 +519,7 @@ def build_in_words(placed: PlacedEffect, sure: np.ndarray) -> str:
     'Whether it is made of parts (d = 0) or of code (d = 1), these data do not tell.'
     """
     at = placed.effect.choice if placed.effect.form is None else placed.effect.form
-    if at is None or tuple(placed.effect.parameters[at][2:4]) != (0.0, 1.0):  # a shape, as of a ripple
+    if at is None or placed.effect.held is None:  # a shape, as of a ripple or a zone
         return ""
     if placed.put_out or placed.is_how_it_follows:  # within the equations it goes on
         return ""

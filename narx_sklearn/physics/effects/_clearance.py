@@ -78,21 +78,21 @@ def _backlash_starts(setting: Setting) -> np.ndarray:
     )
 
 
-def _past_dead_zone(level, d, c, w):
-    return level - between(level - c, -d, d, w)
+def _past_dead_zone(level, d, c, w, o=0.0):
+    return level - between(level - c, -d, d, w) - o * c
 
 
 def _dead_zone_transform(signal, second, dt, theta, first):
-    return _past_dead_zone(signal, theta[0], theta[1], theta[2])
+    return _past_dead_zone(signal, *theta[:4])
 
 
 @kernel
 def _dead_zone_handed_on(argument, rate, own, second, time, step, z, theta, dz):
-    return -kept_between(argument - theta[1], -theta[0], theta[0], theta[2])
+    return -kept_between(argument - theta[1], -theta[0], theta[0], theta[2]) - theta[3] * theta[1]
 
 
 def _within_zone(theta):
-    d, c, _ = theta
+    d, c, *_ = theta
     return ((c - d, c + d),)
 
 
@@ -102,12 +102,12 @@ def _dead_zone_starts(setting: Setting) -> np.ndarray:
     Zero is left out where it is more than the signal's range away from what was visited.
     """
     if spread(setting.argument) == 0:
-        return np.empty((0, 3))
+        return np.empty((0, 4))
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     reach = highest - lowest
     centres = [c for c in working_points(setting.argument) if lowest - reach < c < highest + reach]
     rows = [
-        [d, c, ROUNDED * d]
+        [d, c, ROUNDED * d, 0.0]
         for c in centres
         for d in _half_widths(np.abs(setting.argument - c))[:: len(centres)]
     ]
@@ -121,7 +121,8 @@ def _dead_zone_limits(setting: Setting) -> np.ndarray:
     """
     lowest, highest = quantiles(setting.argument, [0.0, 1.0])
     reach = highest - lowest
-    return np.array([[0.0, 2 * reach], [lowest - reach, highest + reach], [0.0, WIDEST * reach]])
+    edges = [0.0, 2 * reach], [lowest - reach, highest + reach], [0.0, WIDEST * reach]
+    return np.array([*edges, [0.0, 1.0]])
 
 
 def _half_widths(distance: np.ndarray) -> np.ndarray:
@@ -238,7 +239,7 @@ def _backlash_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 def _dead_zone_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return of_level("past_dead_zone", _past_dead_zone, theta[:3], argument)
+    return of_level("past_dead_zone", _past_dead_zone, theta[:4], argument)
 
 
 def _clearance_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -292,12 +293,15 @@ CLEARANCE = (
         code="dead_zone",
         title="Dead zone",
         sentence="Small commands, or small changes about a level, do nothing.",
-        equation="c for |s - c| < d, s - d sgn(s - c) outside; edges rounded over w",
+        equation="c for |s - c| < d, s - d sgn(s - c) outside; all of it less c where o = 1, so that nothing "
+        "passes inside; edges rounded over w",
         parameters=(
             EffectParameter("d", "{port}", 0.0),
             EffectParameter("c", "{port}"),
             EffectParameter("w", "{port}", 0.0),
+            EffectParameter("o", "-", 0.0, 1.0),
         ),
+        choice=3,
         starts=_dead_zone_starts,
         limits=_dead_zone_limits,
         transform=_dead_zone_transform,
