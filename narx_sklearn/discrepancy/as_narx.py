@@ -54,14 +54,17 @@ def effect_regressors(simulator: Simulator) -> tuple[Phi, ...]:
     """Return the phi regressors of a simulator's effects, as functions of the signals u and y.
 
     An effect at an input is a function of that input; any other is written in the measured output, which
-    stands for the state it acts on. What acts behind a state, on what others have of it, has none.
+    stands for the state it acts on. What acts behind a state, on what others have of it, or in an output on a
+    part of it, has none.
     """
     found: dict[str, Phi] = {}
     one_input, one_output = len(simulator.inputs) == 1, len(simulator.outputs) == 1
     for placed in simulator.effects:
+        kind, index = placed.port
         if placed.effect.phi is None or placed.handed_on or not _reads_as_written(placed, simulator):
             continue
-        kind, index = placed.port
+        if kind == "output" and placed.is_fed:
+            continue
         signal = ("u" if one_input else f"u{index + 1}") if kind == "input" else None
         if signal is None:
             signal = "y" if one_output else f"y{(index if kind == 'output' else 0) + 1}"

@@ -248,7 +248,8 @@ class PlacedEffect:
     @property
     def lacking(self) -> float | None:
         """Share of a controller's first output that was not there yet before a record; None of all else."""
-        return None if self.put_out is None else self.theta[self.effect.begin]
+        begin = self.effect.begin
+        return None if self.put_out is None or begin is None else self.theta[begin]
 
     @property
     def is_how_it_follows(self) -> bool:

@@ -91,7 +91,7 @@ def _late(
     placed: PlacedEffect, run: Run, u: np.ndarray, windows: Windows, rows: np.ndarray, dt: float
 ) -> np.ndarray:
     """Return what a dead time adds to a controller's output at some samples; zeros of all else."""
-    if placed.dead_time is None:
+    if placed.dead_time is None or placed.lacking is None:
         return np.zeros(rows.size)
     put_out = placed.argument_of(u, run.x)
     then, began = rows - placed.dead_time / dt, rows - age_of(windows, rows)

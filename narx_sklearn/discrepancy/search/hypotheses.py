@@ -198,10 +198,11 @@ class _Material:
                 own = own / self.structure.gain[index, placed.through]
         else:
             if placed.port.is_parameter and second is not None:
-                argument = second
+                own = second
             else:
-                argument = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
-            own, rate = argument, np.gradient(argument, dt)
+                own = self.u[:, index] if kind == "input" else self.run.y[self.order, index]
+            argument = own if second is None or not (placed.is_fed and kind == "output") else second
+            rate = np.gradient(argument, dt)
         residual = self.residual[self.order, index if kind == "output" else 0]
         shows = self.innovations[:, index] if kind == "output" else self.together
         elapsed = self.order * dt

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
-from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.sums import Sum, difference_in_words
 from narx_sklearn.model.units import is_per_time, may_be_alike, rate_of, scale_to, tidy_unit
@@ -60,7 +60,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, simulator, structure)
     ]
-    return all_of_it + _behind(effect, simulator, structure)
+    return all_of_it + _behind(effect, simulator, structure) + _in_readings(effect, simulator, structure)
 
 
 def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
@@ -82,6 +82,36 @@ def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[Place
                 second_name=name,
                 second_unit=unit,
             )
+
+
+def _in_readings(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
+    """Return the places of an effect in outputs on one of the signals of which these are made.
+
+    What is read may as well be ahead of what it should be as behind.
+    """
+    if not effect.read_as:
+        return []
+    own = effect.parameters
+    either_way = (p._replace(lower=-np.inf) if k == effect.amplitude else p for k, p in enumerate(own))
+    read = replace(effect, equation=effect.read_as, parameters=tuple(either_way))
+    outputs = range(len(simulator.outputs))
+    return [read_from(read, i, j, simulator) for i in outputs for j, _ in parts_read(i, simulator, structure)]
+
+
+def parts_read(i: int, simulator: Simulator, structure: Structure) -> Iterator[tuple[int, Signal]]:
+    """Yield the signals of which an output is made, and which of all they are, where these are several."""
+    read = np.flatnonzero(structure.read[i])
+    signals = (*simulator.inputs, *simulator.states)
+    for j in read.tolist() if read.size > 1 else ():
+        yield j, signals[j]
+
+
+def read_from(effect: Effect, i: int, j: int, simulator: Simulator) -> PlacedEffect:
+    """Return an effect in an output on one of the signals of which that is made."""
+    signals = (*simulator.inputs, *simulator.states)
+    name, unit = signals[j]
+    placed = placed_at(replace(effect, second="feed"), Port("output", i), Argument((), name, unit))
+    return replace(placed, second=weights_of(len(signals), {j: 1.0}), second_name=name, second_unit=unit)
 
 
 def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:

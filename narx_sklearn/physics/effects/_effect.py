@@ -132,6 +132,9 @@ class Effect:
     curved : callable, optional
         The same for an output that is known in the middle and at the end of each step too, where it may jump:
         ``curved(signal, middle, end, dt, theta, first) -> (signal, middle, end)``, of a parabola a step.
+    read_as : str
+        Its equation where it acts in an output on one of several signals of which that is made, u, as a
+        voltage depends on the way of a charge; empty where it does not.
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
@@ -259,6 +262,7 @@ class Effect:
     factor: Any = None
     input_port: bool = True
     output_port: bool = True
+    read_as: str = ""
     argument: str = "own"
     second: str | None = None
     amplitude: int | None = 0

@@ -75,7 +75,8 @@ def _bouc_wen_run(values, zy, r, n):
 
 
 def _bouc_wen_transform(signal, second, dt, theta, first):
-    return signal - theta[0] * by_pieces(_bouc_wen_run, signal, first, theta[1], theta[2], theta[3])
+    way = signal if second is None else second
+    return signal - theta[0] * by_pieces(_bouc_wen_run, way, first, theta[1], theta[2], theta[3])
 
 
 def _added(setting: Setting, transform):
@@ -135,8 +136,8 @@ def _weighted_plays_run(values, radius, q, begin):
 
 
 def _prandtl_ishlinskii_transform(signal, second, dt, theta, first):
-    held = by_pieces(_weighted_plays_run, signal, first, theta[1], theta[2], theta[3])
-    return signal + theta[0] * (held - signal)
+    way = signal if second is None else second
+    return signal + theta[0] * (by_pieces(_weighted_plays_run, way, first, *theta[1:4]) - way)
 
 
 def _prandtl_ishlinskii_starts(setting: Setting) -> np.ndarray:
@@ -221,6 +222,8 @@ HYSTERESIS = (
         force=_bouc_wen,
         transform=_bouc_wen_transform,
         output_port=False,
+        read_as="s - k z; z' = u' - u' (sgn(u' z) + r) |z/zy|^n: yields at zy/(1 + r)^(1/n) for r > -1, "
+        "hardens for r < -1",
         argument="position",
         n_memory=1,
         met_on="motion",
@@ -249,6 +252,8 @@ HYSTERESIS = (
         force=_prandtl_ishlinskii,
         transform=_prandtl_ishlinskii_transform,
         output_port=False,
+        read_as="s + w (mean of P_rk[u] - u, weights k^q); plays of half-width rk = r k/10, k = 1 to 10, "
+        "each at first i half-widths off",
         argument="position",
         n_memory=N_PLAYS + 1,
         jumps=True,

@@ -13,8 +13,9 @@ from narx_sklearn.discrepancy.search.places import (
     arguments,
     beside_inputs,
     moving,
+    parts_read,
+    read_from,
     seen_or_not,
-    weights_of,
 )
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
     KNOTS,
@@ -89,17 +90,8 @@ def _read(
 
     What one of them adds need not be in proportion to it, as what a current takes off a voltage.
     """
-    read = np.flatnonzero(structure.read[port.index]).tolist()
-    if len(read) < 2:
-        return
-    for j in read:
-        signal = [*simulator.inputs, *simulator.states][j]
+    for j, signal in parts_read(port.index, simulator, structure):
         found = curve_at(port, Argument((), *signal), signals[:, j])
         if found is not None:
-            fed = replace(found.placed.effect, second="feed", equation="f(w), a broken line")
-            weights = weights_of(signals.shape[1], {j: 1.0})
-            yield found._replace(
-                placed=replace(
-                    found.placed, effect=fed, second=weights, second_name=signal.name, second_unit=signal.unit
-                )
-            )
+            curve = replace(found.placed.effect, equation="f(w), a broken line")
+            yield found._replace(placed=read_from(curve, port.index, j, simulator).at(found.placed.theta))
