@@ -341,7 +341,8 @@ class TestForces:
             ("periodic_disturbance", [2.0, 3.0, 0.5], {"time": 1.5}, 2 * np.sin(5.0)),
             ("backlash", [4.0, 0.1, 0.0, 0.0], {"argument": 1.0, "z": [0.5] * 4 + [1.0]}, 4 * (0.9 - 1.0)),
             ("backlash", [4.0, 0.1, 0.5, 0.0], {"argument": 1.0}, 0.0),  # begins centred
-            ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0], {"rate": 1.0, "z": [0.25]}, -1.0),
+            ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0, 0.0], {"rate": 1.0, "z": [0.25]}, -1.0),
+            ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0, -0.5], {"rate": 1.0, "z": [0.25]}, 0.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
             ("creep", [3.0, 1.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": np.nan}, 0.3),
@@ -614,7 +615,7 @@ class TestTransforms:
             ("rate_limit", [1e9, 0.0, 1.0]),
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
-            ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0]),
+            ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0, 0.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
             ("creep", [0.0, 1.0, 1.0]),
             ("delay", [0.0, 0.0]),
@@ -642,7 +643,7 @@ class TestTransforms:
             ("valve_stiction", [0.6, 0.5, 0.5, 0.0]),
             ("rate_limit", [0.5, 0.0, 0.0]),
             ("rate_limit", [0.5, 0.0, 1.0]),
-            ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0]),
+            ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0, 0.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0, 1.0]),
             ("delay", [0.3, 0.0]),
@@ -877,9 +878,9 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("run", "theta"),
         [
-            (_bouc_wen_run, (0.5, 1.0, 1.5)),
-            (_bouc_wen_run, (0.5, -1.4, 1.5)),
-            (_bouc_wen_run, (1e-4, 1.0, 1.0)),
+            (_bouc_wen_run, (0.5, 1.0, 1.5, 0.0)),
+            (_bouc_wen_run, (0.5, -1.4, 1.5, 0.4)),
+            (_bouc_wen_run, (1e-4, 1.0, 1.0, 0.0)),
             (_weighted_plays_run, (1.0, 0.5, 0.3)),
             (_creep_run, (DT, 0.5, 1.0)),
             (_plays_run, (0.3, 0.5, -0.7)),
@@ -996,17 +997,20 @@ class TestHysteresis:
 
     @pytest.mark.parametrize("r", [-0.5, 0.0, 1.0])
     def test_bouc_wen_loads_along_its_closed_form(self, r):
-        """dz/dx = 1 - |z/Y|^n from rest: Y (1 - exp(-x/Y)) for n = 1, Y tanh(x/Y) for n = 2, Y the yield."""
+        """dz/dx = 1 - |z/Y|^n: from rest Y (1 - exp(-x/Y)) for n = 1, Y tanh(x/Y) for n = 2, Y the yield."""
         x, zy = np.linspace(0, 3, 100), 0.8
         first, second = zy / (1 + r), zy / np.sqrt(1 + r)
-        np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 1.0), first * (1 - np.exp(-x / first)), atol=2e-3)
-        np.testing.assert_allclose(_bouc_wen_run(x, zy, r, 2.0), second * np.tanh(x / second), atol=2e-3)
+        for begin in (0.0, 0.4):
+            z = _bouc_wen_run(x, zy, r, 1.0, begin)
+            np.testing.assert_allclose(z, first * (1 - (1 - begin) * np.exp(-x / first)), atol=2e-3)
+        z = _bouc_wen_run(x, zy, r, 2.0, 0.0)
+        np.testing.assert_allclose(z, second * np.tanh(x / second), atol=2e-3)
 
     def test_bouc_wen_that_yields_at_once_is_backlash(self):
         """Sharp, it is a stop; what an input keeps after a stop is a play of the same width."""
         signal = 3.0 * np.sin(np.linspace(0.0, 20.0, 4000))
         lost = transformed("backlash", signal, [1.0, 0.1, 0.0, 0.0])
-        sharp = transformed("bouc_wen_hysteresis", signal, [1.0, 0.1 * 2.0 ** (1 / 6), 1.0, 6.0])
+        sharp = transformed("bouc_wen_hysteresis", signal, [1.0, 0.1 * 2.0 ** (1 / 6), 1.0, 6.0, 0.0])
         assert np.abs(sharp - lost).max() < 0.02
         assert np.abs(signal - lost).max() == pytest.approx(0.1)
 
@@ -1015,7 +1019,7 @@ class TestHysteresis:
         zy, up, back = 0.8, np.linspace(0, 1, 200), np.linspace(1, 0.9, 50)
         top = 2 * zy * np.expm1(1 / (2 * zy))
         down = (top + zy / 2.5) * np.exp(-2.5 * (1 - back) / zy) - zy / 2.5
-        z = _bouc_wen_run(np.concatenate([up, back]), zy, -1.5, 1.0)
+        z = _bouc_wen_run(np.concatenate([up, back]), zy, -1.5, 1.0, 0.0)
         np.testing.assert_allclose(z[:200], 2 * zy * np.expm1(up / (2 * zy)), atol=1e-3)
         np.testing.assert_allclose(z[200:], down, atol=2e-3)
 
@@ -1030,16 +1034,17 @@ class TestHysteresis:
             return alpha * v - beta * (gamma * abs(v) * z + delta * v * abs(z))
 
         expected = solve_ivp(slope, (0, 1), [0.0], t_eval=time, rtol=1e-9, atol=1e-9, max_step=1e-3).y[0]
-        z = alpha * _bouc_wen_run(x, 1 / (beta * gamma), delta / gamma, 1.0)
+        z = alpha * _bouc_wen_run(x, 1 / (beta * gamma), delta / gamma, 1.0, 0.0)
         np.testing.assert_allclose(z, expected, atol=1e-3 * np.max(np.abs(expected)))
 
     @given(seed=st.integers(0, 30), r=st.floats(-2.0, 3.0), n=st.floats(0.5, 6.0), zy=st.floats(1e-3, 5.0))
     @settings(max_examples=40)
     def test_bouc_wen_stays_within_its_bound(self, seed, r, n, zy):
         """Loading ends at zy/(1 + r)^(1/n); where it ends nowhere near, the reach bounds it."""
-        x = np.random.default_rng(seed).normal(size=40)
+        rng = np.random.default_rng(seed)
+        begin, x = rng.uniform(-1, 1), rng.normal(size=40)
         bound = zy * (1 + r) ** (-1 / n) if r > -1 else np.inf
-        assert np.max(np.abs(_bouc_wen_run(x, zy, r, n))) <= min(bound, REACH * zy) * (1 + 1e-12)
+        assert np.max(np.abs(_bouc_wen_run(x, zy, r, n, begin))) <= min(bound, REACH * zy) * (1 + 1e-12)
 
     @pytest.mark.parametrize(
         ("code", "theta", "off"),
@@ -1059,7 +1064,7 @@ class TestHysteresis:
 
     @pytest.mark.parametrize("code", ["bouc_wen_hysteresis", "prandtl_ishlinskii", "backlash"])
     def test_hysteresis_does_not_depend_on_speed(self, code):
-        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 1.0, 1.0], "prandtl_ishlinskii": [0.5, 0.7, 0.0, 0.0]}
+        theta = {"bouc_wen_hysteresis": [0.5, 0.4, 1.0, 1.0, 0.5], "prandtl_ishlinskii": [0.5, 0.7, 0.0, 0.0]}
         theta = theta.get(code, [1.0, 0.3, 0.5, 0.0])
         slow = np.sin(np.linspace(0, 10, 4001))
         np.testing.assert_allclose(
@@ -1069,9 +1074,9 @@ class TestHysteresis:
     @pytest.mark.parametrize(
         ("code", "theta"),
         [
-            ("bouc_wen_hysteresis", [3.0, 0.4, 1.0, 1.0]),
-            ("bouc_wen_hysteresis", [3.0, 0.4, 0.0, 2.0]),
-            ("bouc_wen_hysteresis", [3.0, 0.8, -1.4, 1.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.4, 1.0, 1.0, 0.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.4, 0.0, 2.0, 0.0]),
+            ("bouc_wen_hysteresis", [3.0, 0.8, -1.4, 1.0, 0.0]),
             ("prandtl_ishlinskii", [3.0, 0.7, 0.0, 0.0]),
             ("backlash", [3.0, 0.3, 0.0, 0.0]),
         ],

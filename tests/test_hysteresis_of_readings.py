@@ -14,7 +14,11 @@ from narx_sklearn.physics.effects import CATALOGUE
 
 DT, FULL = 5.0, 4.7  # s, Ah
 TRUE = {"capacity [Ah]": FULL, "R0 [ohm]": 0.024, "R1 [ohm]": 0.016, "lag [s]": 50.0, "slope [V]": 0.5}
-LOOP, GAMMA = 0.03, 40.0  # Plett 2004, J. Power Sources 134(2), sec. 3.5: h' = -g |i| (h + sgn i) / capacity
+LOOP, GAMMA, START = (
+    0.03,
+    40.0,
+    -0.3,
+)  # Plett 2004, J. Power Sources 134(2), sec. 3.5: h' = -g |i| (h + sgn i) / capacity
 
 
 def cell(x, u, p):
@@ -45,7 +49,7 @@ def current(n, seed=1):
 
 def loop_of(u, parts=20):
     """Return Plett's hysteresis at each sample, by small steps of Euler's kind."""
-    h, told = 0.0, []
+    h, told = START, []
     for value in u:
         told.append(LOOP * h)
         for _ in range(parts):
@@ -72,7 +76,7 @@ def test_it_is_looked_for_where_a_reading_is_made_of_several_signals(code):
 
 def test_a_loop_of_plett_is_one_of_bouc_and_wen_on_the_way_of_the_charge():
     """With r = 0 and n = 1, k = -M g and zy = 1/g of Wen are M and g of Plett."""
-    placed = in_reading("bouc_wen_hysteresis", make())[1].at([-LOOP * GAMMA, 1 / GAMMA, 0.0, 1.0])
+    placed = in_reading("bouc_wen_hysteresis", make())[1].at([-LOOP * GAMMA, 1 / GAMMA, 0.0, 1.0, START])
     u = current(1200)
     with_loop = make().with_effects([placed])
     np.testing.assert_allclose(

@@ -105,7 +105,7 @@ class TestLookAlikes:
         assert likeliest([best, plain, other], 1.05 * plain.fit.cost) is (other if likelier else plain)
 
     @pytest.mark.parametrize(
-        ("code", "shape"), [("bouc_wen_hysteresis", (0.0, 1.0)), ("prandtl_ishlinskii", (0.0, 0.0))]
+        ("code", "shape"), [("bouc_wen_hysteresis", (0.0, 1.0, 0.0)), ("prandtl_ishlinskii", (0.0, 0.0))]
     )
     def test_hysteresis_that_yields_at_once_is_friction(self, code, shape):
         """A spring that yields at next to nothing, plays that all let go: a force against the motion."""

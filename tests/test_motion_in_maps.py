@@ -76,7 +76,7 @@ def test_a_memory_lives_in_time_whatever_the_period():
     """Bouc-Wen's element along the straight lines between the samples, as it is at a signal."""
     effect = CATALOGUE["bouc_wen_hysteresis"]
     u = np.cumsum(0.2 * np.random.default_rng(0).normal(size=(40, 1)), axis=0)
-    theta = (1e-6, 0.8, 0.2, 1.0)
+    theta = (1e-6, 0.8, 0.2, 1.0, 0.0)
     placed = PlacedEffect(effect, Port("state", 0), (1.0,), theta=theta)
     for dt in (0.01, 10.0):
         follower = NARXSimulator(NARXModel.from_equations("u[k-1]"), dt=dt)

@@ -109,7 +109,7 @@ class TestIdle:
             return ODESimulator(rates, dt=0.1, inputs=["u"], substeps=substeps, **about)
 
         loop = PlacedEffect(
-            CATALOGUE["bouc_wen_hysteresis"], Port("state", 1), (1.0, 0.0), theta=(30.0, 0.1, -0.5, 1.0)
+            CATALOGUE["bouc_wen_hysteresis"], Port("state", 1), (1.0, 0.0), theta=(30.0, 0.1, -0.5, 1.0, 0.0)
         )
         rubs = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.0,))
         rng = np.random.default_rng(0)

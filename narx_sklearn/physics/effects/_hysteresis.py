@@ -41,20 +41,22 @@ def _bouc_wen_slope(z, direction, zy, r, n):
 
 @kernel
 def _bouc_wen(argument, rate, own, second, time, step, z, theta, dz):
+    """The state holds how far z has come from where it began."""
     direction = 1.0 if rate > 0.0 else -1.0
-    change = rate * _bouc_wen_slope(z[0], direction, theta[1], theta[2], theta[3])
-    # one long step must not leave the bound
     bound = _bouc_wen_bound(theta[1], theta[2], theta[3])
-    dz[0] = min(max(change, (-bound - z[0]) / step), (bound - z[0]) / step)
-    return -theta[0] * z[0]
+    now = z[0] + theta[4] * bound
+    change = rate * _bouc_wen_slope(now, direction, theta[1], theta[2], theta[3])
+    # one long step must not leave the bound
+    dz[0] = min(max(change, (-bound - now) / step), (bound - now) / step)
+    return -theta[0] * now
 
 
 @kernel
-def _bouc_wen_run(values, zy, r, n):
-    """Return z along values, from 0 on the first."""
+def _bouc_wen_run(values, zy, r, n, begin):
+    """Return z along values, on the first ``begin`` times its bound."""
     out = np.empty(values.size)
     bound = _bouc_wen_bound(zy, r, n)
-    z = 0.0
+    z = begin * bound
     for k in range(values.size):
         move = values[k] - values[k - 1] if k > 0 else 0.0
         direction = 1.0 if move > 0.0 else -1.0
@@ -76,7 +78,7 @@ def _bouc_wen_run(values, zy, r, n):
 
 def _bouc_wen_transform(signal, second, dt, theta, first):
     way = signal if second is None else second
-    return signal - theta[0] * by_pieces(_bouc_wen_run, way, first, theta[1], theta[2], theta[3])
+    return signal - theta[0] * by_pieces(_bouc_wen_run, way, first, *theta[1:5])
 
 
 def _added(setting: Setting, transform):
@@ -90,10 +92,10 @@ def _bouc_wen_starts(setting: Setting) -> np.ndarray:
     """Return loops that yield at shares of the motion, a sharper one, and two that harden."""
     size = spread(setting.argument)
     if size == 0:
-        return np.empty((0, 4))
+        return np.empty((0, 5))
     yielding = [[y, SOFT, 1.0] for y in (0.1, 0.4, 1.2)] + [[0.4, SOFT, 2.0]]
-    rows = [[1.0, y * size * (1.0 + r) ** (1.0 / n), r, n] for y, r, n in yielding]
-    rows += [[1.0, scale * size, HARD, 1.0] for scale in (1.0, 3.0)]
+    rows = [[1.0, y * size * (1.0 + r) ** (1.0 / n), r, n, 0.0] for y, r, n in yielding]
+    rows += [[1.0, scale * size, HARD, 1.0, 0.0] for scale in (1.0, 3.0)]
     return scaled(setting, np.array(rows), _added(setting, _bouc_wen_transform))
 
 
@@ -211,19 +213,22 @@ HYSTERESIS = (
         title="Bouc-Wen hysteresis",
         sentence="The response depends on where the motion last turned, however slowly it goes.",
         equation="-k z in a state equation, s - k z at an input; z' = v - v (sgn(v z) + r) |z/zy|^n (A = 1, "
-        "b = 1/zy^n, g = r/zy^n): yields at zy/(1 + r)^(1/n) for r > -1, hardens for r < -1",
+        "b = 1/zy^n, g = r/zy^n): yields at zy/(1 + r)^(1/n) for r > -1, hardens for r < -1; at first z is i "
+        "times what it may be",
         parameters=(
             EffectParameter("k", "{port}/({arg})", 0.0),
             EffectParameter("zy", "{arg}", 1e-15),
             EffectParameter("r", "-", -2.0, 3.0),
             EffectParameter("n", "-", 0.5, 6.0),
+            BEGIN,
         ),
+        begin=4,
         starts=_bouc_wen_starts,
         force=_bouc_wen,
         transform=_bouc_wen_transform,
         output_port=False,
         read_as="s - k z; z' = u' - u' (sgn(u' z) + r) |z/zy|^n: yields at zy/(1 + r)^(1/n) for r > -1, "
-        "hardens for r < -1",
+        "hardens for r < -1; at first z is i times what it may be",
         argument="position",
         n_memory=1,
         met_on="motion",

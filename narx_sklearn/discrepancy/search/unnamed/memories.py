@@ -240,7 +240,7 @@ def _two_speeds_starts(setting: Setting) -> np.ndarray:
 
 def _loop_transform(signal, second, dt, theta, first):
     k, zy, r = theta[:3]
-    return BOUC_WEN.transform(signal, second, dt, (-k, zy, r, SIMPLEST), first)
+    return BOUC_WEN.transform(signal, second, dt, (-k, zy, r, SIMPLEST, 0.0), first)
 
 
 def _loop_starts(setting: Setting) -> np.ndarray:
