@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.bank import effect_column
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.places import parameter_placements
-from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending, broken, line_of
 from narx_sklearn.discrepancy.simulators.simulator import Windows
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
@@ -70,12 +70,12 @@ def driven(rng, n):
     return np.column_stack([np.repeat(rng.uniform(-8, 8, n // 20), 20), air])
 
 
-def recorded(rng, fall=FALL, n=1200, finer=20, bend=0.0):
+def recorded(rng, fall=FALL, n=1200, finer=20, bend=0.0, law=None):
     """Step the cell by Euler's method, far finer than it is measured."""
 
     def resistance_at(temperature):
         ahead = temperature - ABOUT
-        return 0.05 * (1 + fall * ahead + bend * ahead**2)
+        return 0.05 * (1 + fall * ahead + bend * ahead**2 if law is None else law(ahead))
 
     u = driven(rng, n)
     temperature, y = u[0, 1], np.empty((n, 2))
@@ -102,6 +102,23 @@ def test_along_a_parabola():
     bent = replace(bent, second_name="temperature", second_unit="degC")
     told = dependence_in_words(bent, np.array([[FALL, FALL], [ABOUT, ABOUT], [0.0, 0.0]]), make_cell())
     assert told.endswith("about 25 degC, and bends by +0.04 % per degC^2 there.")
+
+
+def test_along_a_broken_line():
+    bent = bending(warming()).at((FALL, ABOUT, 0.0004))
+    line = broken(bent, np.linspace(10.0, 40.0, 301))
+    knots, heights = line_of(line)
+    assert line_of(bent) is None
+    np.testing.assert_allclose(np.diff(knots), np.diff(knots)[0])
+    assert (heights[3], line.bounds[3].tolist(), line.n_values) == (1.0, [1.0, 1.0], 6)
+    ratio = [bent.effect.factor(at, np.array(bent.theta)) for at in knots]
+    np.testing.assert_allclose(heights, np.array(ratio) / ratio[3])
+    half_way = line.effect.factor(0.5 * (knots[1] + knots[2]), np.array(line.theta))
+    assert half_way == pytest.approx(0.5 * (heights[1] + heights[2]))
+    line = replace(line, second_name="temperature", second_unit="degC")
+    told = dependence_in_words(line, np.tile(0.0, (14, 2)), make_cell())
+    assert told.startswith("The parameter R0 depends on temperature: times its value at 25 degC it is 1.3")
+    assert told.endswith(" degC; straight between them.")
 
 
 # -- the run ------------------------------------------------------------------------------------------------
@@ -308,6 +325,21 @@ def test_a_resistance_that_falls_less_and_less_is_told_along_a_parabola():
     u_new, y_new = recorded(np.random.default_rng(3), n=400, fall=-0.03, bend=0.0008)
     predicted = dx.predict(u_new, y_init=y_new[:20])
     assert np.std(y_new[20:, 0] - predicted[20:, 0]) < 1.1 * 0.002  # the noise
+
+
+@pytest.mark.long
+def test_a_resistance_that_falls_within_few_degrees_is_told_along_a_broken_line():
+    def jump(ahead):
+        return 0.7 + 0.6 / (1.0 + np.exp(ahead))
+
+    u, y = recorded(np.random.default_rng(2), law=jump)
+    dx = DiscrepancyRegressor(make_cell(resistance=0.045), random_state=0).fit(u, y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.place) == ("unknown", "in the parameter R0, with temperature")
+    assert "straight between them" in finding.sentence
+    u_new, y_new = recorded(np.random.default_rng(3), n=400, law=jump)
+    predicted = dx.predict(u_new, y_init=y_new[:20])
+    assert np.std(y_new[20:, 0] - predicted[20:, 0]) < 1.5 * 0.002  # the noise
 
 
 @pytest.mark.long

@@ -185,7 +185,7 @@ def _diagnose(parser) -> None:
     )
     group.add_argument("--seed", type=seed, default=0, help="of all random draws (default: %(default)s)")
     group.add_argument(
-        "--jobs", type=jobs, metavar="N", help="threads (default: 1; -1: as many as there are)"
+        "--jobs", type=jobs, default=-1, metavar="N", help="threads (default: as many as there are)"
     )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING
+from narx_sklearn.discrepancy.search.unnamed.varying import line_of
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
 
 NO_UNIT = ("", "-", "1")
@@ -38,6 +39,9 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     """
     if placed.effect.code != VARYING:
         return ""
+    parameter, line = simulator.parameters[placed.port.index], line_of(placed)
+    if line is not None:
+        return _along_a_line(parameter.name, placed, *line)
     change, reference, *bend = placed.theta
     sizes = np.sort(100 * np.sign(change) * np.array(sure[0]))
     name, unit = placed.second_name, placed.second_unit
@@ -45,11 +49,25 @@ def dependence_in_words(placed: PlacedEffect, sure: np.ndarray, simulator: Simul
     if unit in NO_UNIT:
         per, about = f"unit of {name}", f"{reference:.4g}"
     low, high = (f"{size:.4g}" for size in sizes)
-    parameter, moves = simulator.parameters[placed.port.index], "rises" if change > 0 else "falls"
+    moves = "rises" if change > 0 else "falls"
     of_it = " of its value" if parameter.unit == "%" else ""
     square = f"({per})^2" if " " in per or "/" in per else f"{per}^2"
     bends = f", and bends by {100 * bend[0]:+.4g} % per {square} there" if bend else ""
     return (
         f"The parameter {parameter.name} depends on {name}: it {moves} by {100 * abs(change):.4g} %{of_it} "
         f"per {per} ({low} to {high} %) about {about}{bends}."
+    )
+
+
+def _along_a_line(parameter: str, placed: PlacedEffect, knots: np.ndarray, heights: np.ndarray) -> str:
+    name, unit = placed.second_name, "" if placed.second_unit in NO_UNIT else f" {placed.second_unit}"
+    middle = int(np.argmin(np.ptp(placed.bounds[: knots.size], axis=1)))  # which is held at 1
+    others = ", ".join(
+        f"{height:.4g} at {at:.4g}{unit}"
+        for k, (at, height) in enumerate(zip(knots, heights, strict=True))
+        if k != middle
+    )
+    return (
+        f"The parameter {parameter} depends on {name}: times its value at {knots[middle]:.4g}{unit} it is "
+        f"{others}; straight between them."
     )

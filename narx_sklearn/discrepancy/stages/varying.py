@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import parameter_hypotheses
 from narx_sklearn.discrepancy.search.ranking import gains, scaled
 from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING
-from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending
+from narx_sklearn.discrepancy.search.unnamed.varying import PARAMETER_THAT_VARIES, bending, broken, line_of
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
@@ -22,6 +22,7 @@ from narx_sklearn.discrepancy.stages.refuted import BEFORE_DATA, may_be_drift
 from narx_sklearn.discrepancy.stages.unnamed import UNEXPLAINED
 from narx_sklearn.physics.effects import PARAMETER
 
+LOOKS = 2  # at the form of its law, under the noise that the form before leaves
 TRIED = 6  # of all parameters and signals, those of which the tangents tell most, that are fitted
 MOST = 0.5  # of what names take off: where tangents promise less, no parameter stands in their place
 RIVALS = 5  # of all that was fitted before, that are held against it under the noise that it leaves
@@ -60,8 +61,13 @@ def parameter_that_varies(
     trial = Trial(problem, nothing, bank.without_columns(), settings.n_jobs, settings.random_state)
     if chances(trial, varying[:1])[0] > settings.alpha_nameless:
         return None
-    searched = _under_its_noise(searched, varying, settings)
-    best = next(c for c in searched.pool if c.places == varying[0].places)
+    for _ in range(LOOKS):
+        searched = _under_its_noise(searched, varying, settings)
+        best = next(c for c in searched.pool if c.places == varying[0].places)
+        nearer = _unless_bent(searched.problem, best, settings.n_jobs)
+        if nearer is best:
+            break
+        varying = [nearer]
     said = judged(searched, best, searched.pool, structure, settings)
     if said.verdict != "explained" or said.best is not best:
         return None
@@ -74,13 +80,21 @@ def _is_own(candidate: Candidate) -> bool:
     return candidate.effects[0].effect.code == VARYING
 
 
-def _unless_bent(problem: Problem, straight: Candidate, n_jobs: int | None) -> Candidate:
-    """Return a parameter in proportion to a signal, or along a parabola where this is likelier."""
-    if not _is_own(straight):
-        return straight
-    model = straight.fit.model._replace(effects=tuple(map(bending, straight.effects)))
-    bent = converged(problem, Candidate(fit(problem, model, n_jobs=n_jobs), straight.n_samples), n_jobs)
-    return bent if bent.criterion < straight.criterion - HARDLY else straight
+def _unless_bent(problem: Problem, law: Candidate, n_jobs: int | None) -> Candidate:
+    """Return a parameter as it depends on a signal, or along a parabola or a broken line where likelier."""
+    if not _is_own(law) or line_of(law.effects[0]) is not None:
+        return law
+    model = law.fit.model
+    placed, run = law.effects[0], problem.run(model)
+    rows = problem.samples_of(run)
+    values = placed.second_of(problem.u[rows], run.x[rows])
+    assert values is not None
+    is_straight = placed.effect == PARAMETER_THAT_VARIES
+    for other in [bending(placed)] * is_straight + [broken(placed, values)]:
+        bent = fit(problem, model._replace(effects=(other,)), n_jobs=n_jobs)
+        found = converged(problem, Candidate(bent, law.n_samples), n_jobs)
+        law = found if found.criterion < law.criterion - HARDLY else law
+    return law
 
 
 def _bank(searched: Searched, structure: Structure, settings: Settings) -> Bank | None:

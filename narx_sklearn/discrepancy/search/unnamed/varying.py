@@ -8,6 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.search.unnamed.broken_line import (
+    KNOTS,
+    broken_line,
+    ends_of,
+    knots_as_parameters,
+)
 from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING, WORDS
 from narx_sklearn.physics.effects import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._kernel import kernel
@@ -23,6 +29,11 @@ def _in_proportion(second, theta):
 def _along_a_parabola(second, theta):
     ahead = second - theta[1]
     return 1.0 + ahead * (theta[0] + theta[2] * ahead)
+
+
+@kernel
+def _along_a_line(second, theta):
+    return broken_line(second, theta)
 
 
 def _mean(setting: Setting) -> float:
@@ -61,7 +72,42 @@ BENDING = replace(
 )
 
 
+BROKEN = replace(
+    PARAMETER_THAT_VARIES,
+    equation="p f(w) in place of p, f a broken line, 1 near the mean of w",
+    factor=_along_a_line,
+)
+
+
 def bending(placed: PlacedEffect) -> PlacedEffect:
     """Return a parameter that changes in proportion to a signal as one that does so along a parabola."""
     limits = (*placed.limits, (-np.inf, np.inf))
     return replace(placed, effect=BENDING, limits=limits).at((*placed.theta, 0.0))
+
+
+def broken(placed: PlacedEffect, values: np.ndarray) -> PlacedEffect:
+    """Return a parameter that depends on a signal as one that does so along a broken line.
+
+    Parameters
+    ----------
+    values : ndarray
+        Of the signal, along a record.
+    """
+    knots = np.linspace(*ends_of(values), KNOTS)
+    heights = np.array([placed.effect.factor(at, np.array(placed.theta)) for at in knots])
+    middle = int(np.argmin(np.abs(knots - np.mean(values))))
+    names = tuple(EffectParameter(f"f{i}", "-", 0.0) for i in range(1, KNOTS + 1))
+    effect = replace(BROKEN, parameters=names + knots_as_parameters(knots))
+    limits = [(0.0, np.inf)] * KNOTS + [(at, at) for at in knots.tolist()]
+    limits[middle] = 1.0, 1.0  # what is more, the parameter itself is
+    theta = np.concatenate([np.maximum(heights / heights[middle], 0.0), knots])
+    return replace(placed, effect=effect, limits=tuple(limits)).at(theta)
+
+
+def line_of(placed: PlacedEffect) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the knots of a parameter that depends on a signal along a broken line, and how high it is there.
+
+    None where it does not.
+    """
+    theta = np.array(placed.theta)
+    return (theta[KNOTS:], theta[:KNOTS]) if placed.effect.factor is _along_a_line else None
