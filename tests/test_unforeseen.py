@@ -32,6 +32,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     look_for_unforeseen,
     noise_left,
     which_leads,
+    worth_beside,
 )
 from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.report._words import headline
@@ -274,6 +275,20 @@ def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
     leading, _ = which_leads(problem, seen, *candidates, structure, LEVEL)
     assert leading is candidates[0]
     assert not leave_little(problem, seen, *candidates)
+
+
+@pytest.mark.parametrize(("wanders", "swings", "stay"), [(0.15, 0.0, 1), (0.15, 0.5, 2), (0.0, 0.0, 2)])
+def test_a_name_beside_another_one_has_to_pay_beside_a_disturbance(rng, wanders, swings, stay):
+    """Where none acts, another test says what is noise."""
+    swing = swings * np.sin(2.0 * DT * np.arange(N))
+    u, y = record(rng, friction=0.3, load=wandering(rng, 40, wanders) + swing)
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.2,))
+    line = PlacedEffect(CATALOGUE["periodic_disturbance"], Port("state", 1), theta=(0.1, 2.0, 0.0))
+    problem, found, structure = fitted(u, y, (friction, line))
+    told = Candidate(found, problem.n_seen)
+    left = worth_beside(problem, told, structure, LEVEL)
+    assert [e.effect.code for e in left.effects] == ["coulomb_friction", "periodic_disturbance"][:stay]
+    assert (left is told) == (stay == 2)
 
 
 def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):

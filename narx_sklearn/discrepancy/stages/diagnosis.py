@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.fitting.start import fit_initial_states
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.results import NOTHING_MISSING
-from narx_sklearn.discrepancy.search.candidate import Candidate, odd
+from narx_sklearn.discrepancy.search.candidate import Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import CLEARER, OFFSET, clearer_noise, is_drift, priced
 from narx_sklearn.discrepancy.search.explain import Step
 from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
@@ -43,7 +43,7 @@ from narx_sklearn.discrepancy.stages.coloured_search import (
     steps_beside,
 )
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
-from narx_sklearn.discrepancy.stages.judgement import Judgement, judge
+from narx_sklearn.discrepancy.stages.judgement import Judgement, judge, judged
 from narx_sklearn.discrepancy.stages.plain import (
     counted_from_zero,
     with_limits_that_pay,
@@ -65,6 +65,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     leave_little,
     look_for_unforeseen,
     which_leads,
+    worth_beside,
 )
 from narx_sklearn.discrepancy.stages.unnamed import (
     SUSPECT,
@@ -590,13 +591,29 @@ def _unless_unforeseen(
         leading = which_leads(problem, seen, base, told, structure, level, settings.n_jobs)
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
-        if leading is None or (leading[0] is told and follows):
+        if leading is None:
+            return _without_stand_ins(by_law, searched, structure, settings), p_missing
+        if leading[0] is told and follows:
             return by_law, p_missing
         base, seen = leading
     beside, seen = fitted_beside(problem, base.fit, seen, settings.n_jobs)
     best = Candidate(beside, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
+
+
+def _without_stand_ins(
+    said: Judgement | None, searched: Searched, structure: Structure, settings: Settings
+) -> Judgement | None:
+    """Return what is said without the names that stand in for what follows no signal beside the others."""
+    if said is None or said.verdict == "unknown":
+        return said
+    problem, n_jobs = searched.problem, settings.n_jobs
+    fewer = worth_beside(problem, said.best, structure, settings.alpha_nameless, n_jobs)
+    if fewer is said.best:
+        return said
+    found = judged(searched, converged(problem, fewer, n_jobs), searched.pool, structure, settings)
+    return said if found.verdict == "unknown" else found
 
 
 def _is_one_by_itself(

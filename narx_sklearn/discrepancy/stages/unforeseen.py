@@ -19,6 +19,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, DRIFTS
+from narx_sklearn.discrepancy.search.members import without
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.foretold import are_foretelling
@@ -296,3 +297,30 @@ def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
     plain = problem.with_noise(Noise.white(np.array(deviations)))
     without, with_laws = (fit(plain, c.fit.model, iterations=0).cost for c in (base, told))
     return with_laws - plain.n_seen <= UNEXPLAINED * (without - plain.n_seen)
+
+
+def worth_beside(
+    problem: Problem, told: Candidate, structure: Structure, level: float, n_jobs: int | None = None
+) -> Candidate:
+    """Return a set without the members that do not pay beside what follows no signal; itself where all do.
+
+    What wanders is no noise of a sensor, and a law that is bent to one course of it says nothing of another.
+
+    Parameters
+    ----------
+    level : float
+        Chance of a false alarm that is allowed, where something is said to follow no signal.
+    """
+
+    def beside(laws: Candidate) -> tuple[float, Candidate]:
+        seen = look_for_unforeseen(problem, laws.fit.model, structure, n_jobs)
+        return (np.inf if seen is None or seen.p_value > level else seen.deviance + laws.price), laws
+
+    least = beside(told)[0]
+    while np.isfinite(least) and len(told.effects) > 1:
+        fewer = (without(problem, told, [effect]) for effect in told.effects)
+        price, likelier = min(map(beside, fewer), key=lambda one: one[0])
+        if not price < least:
+            break
+        least, told = price, likelier
+    return told
