@@ -286,9 +286,11 @@ def test_a_name_beside_another_one_has_to_pay_beside_a_disturbance(rng, wanders,
     line = PlacedEffect(CATALOGUE["periodic_disturbance"], Port("state", 1), theta=(0.1, 2.0, 0.0))
     problem, found, structure = fitted(u, y, (friction, line))
     told = Candidate(found, problem.n_seen)
-    left = worth_beside(problem, told, structure, LEVEL)
+    left, seen = worth_beside(problem, told, structure, LEVEL)
     assert [e.effect.code for e in left.effects] == ["coulomb_friction", "periodic_disturbance"][:stay]
     assert (left is told) == (stay == 2)
+    assert (seen is not None) == (wanders > 0)
+    assert seen is None or (seen.acting.title, str(seen.acting.entry.port)) == (ADDED, "state:1")
 
 
 def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):
@@ -418,6 +420,14 @@ def test_the_report_draws_its_course(dropping_out, tmp_path):
     write_report(dx, tmp_path / "report.html", u, y)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "its course, two standard errors to either side" in text
+
+
+def test_what_acts_beside_a_name_is_told(rng):
+    u, y = record(rng, friction=0.6, load=wandering(rng, 40, 0.08))
+    dx = DiscrepancyRegressor(make_oscillator(), effects=FEW).fit(u, y)
+    assert dx.verdict_ in ("explained", "ambiguous")
+    assert [finding.effect for finding in dx.findings_] == ["coulomb_friction"]
+    assert "Beside these something acts in the equation of velocity that follows no signal" in dx.report_
 
 
 def test_a_simulation_that_was_corrected_is_fitted_beside_it_too(rng):

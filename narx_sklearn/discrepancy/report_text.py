@@ -170,6 +170,14 @@ def what_is_left(dx) -> str:
             f"Even fitted to the held-out samples too, these leave {rounded(left_there)} times as much "
             "there as elsewhere (mean square): they stand in for something else, or the machine has changed."
         )
+    if (beside := dx.conclusion_.diagnosis.beside) is not None:
+        simulator, port = dx.conclusion_.diagnosis.problem.simulator, beside.acting.entry.port
+        lasts = in_seconds(beside.memory * simulator.dt, 2)
+        words.append(
+            f"Beside these something acts {port_in_words(port, simulator)} that follows no signal (p "
+            f"{p_text(beside.p_value)}); it changes within about {lasts}. Whatever else was measured then "
+            "may be it, as a further input."
+        )
     return " ".join(words)
 
 

@@ -105,6 +105,7 @@ class Diagnosis:
     twin_misses_more: bool = False  # than the effects at state equations explain; then they are not believed
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
     unforeseen: Unforeseen | None = None  # what follows no signal, where that is what was found
+    beside: Unforeseen | None = None  # the same where names stand, and it acts beside them
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
@@ -297,6 +298,7 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         p_missing=min(1.0, len(alone) * min(one.p_missing for one in alone)),
         against_noise=(),
         unforeseen=None,
+        beside=None,
         left=NOTHING_SEEN,
         unnamed=None,
         apart=tuple(Part(one.problem, one.refitted) for one in alone),
@@ -456,6 +458,7 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
         twin_misses_more=twin_misses_more,
         against_noise=found.against_noise,
         unforeseen=found.unforeseen,
+        beside=found.beside,
         left=found.left,
         unnamed=found.unnamed,
         lengthened_from=lengthened_from,
@@ -592,7 +595,7 @@ def _unless_unforeseen(
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None:
-            return _without_stand_ins(by_law, searched, structure, settings), p_missing
+            return _beside_what_wanders(by_law, searched, structure, settings), p_missing
         if leading[0] is told and follows:
             return by_law, p_missing
         base, seen = leading
@@ -602,18 +605,20 @@ def _unless_unforeseen(
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
 
 
-def _without_stand_ins(
+def _beside_what_wanders(
     said: Judgement | None, searched: Searched, structure: Structure, settings: Settings
 ) -> Judgement | None:
     """Return what is said without the names that stand in for what follows no signal beside the others."""
     if said is None or said.verdict == "unknown":
         return said
     problem, n_jobs = searched.problem, settings.n_jobs
-    fewer = worth_beside(problem, said.best, structure, settings.alpha_nameless, n_jobs)
-    if fewer is said.best:
-        return said
-    found = judged(searched, converged(problem, fewer, n_jobs), searched.pool, structure, settings)
-    return said if found.verdict == "unknown" else found
+    worth = worth_beside(problem, said.best, structure, settings.alpha_nameless, n_jobs)
+    if worth.laws is not said.best:
+        found = judged(searched, converged(problem, worth.laws, n_jobs), searched.pool, structure, settings)
+        if found.verdict == "unknown":
+            return said
+        said = found
+    return said._replace(beside=worth.seen)
 
 
 def _is_one_by_itself(

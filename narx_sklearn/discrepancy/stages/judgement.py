@@ -49,6 +49,7 @@ class Judgement(NamedTuple):
     stand_in: bool = False  # names for a law that is none of them
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, and the names leave
     unforeseen: Unforeseen | None = None  # what follows no signal, in the place of names
+    beside: Unforeseen | None = None  # the same where names stand, and it acts beside them
     left: LeftByForm = NOTHING_SEEN  # by names that stand, or do not because of that
 
 

@@ -93,6 +93,18 @@ class Unforeseen(NamedTuple):
         return np.clip(np.column_stack([q - width, q + width]), bounds[:, :1], bounds[:, 1:])
 
 
+class Worth(NamedTuple):
+    """Laws, and what acts beside them that follows no signal."""
+
+    laws: Candidate
+    seen: Unforeseen | None
+
+    @property
+    def criterion(self) -> float:
+        """Minus twice the log-likelihood of both, and the price of the laws; infinite where these are all."""
+        return np.inf if self.seen is None else self.seen.deviance + self.laws.price
+
+
 class Likely(NamedTuple):
     """A course at one place, and how likely the record is with it."""
 
@@ -301,10 +313,11 @@ def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
 
 def worth_beside(
     problem: Problem, told: Candidate, structure: Structure, level: float, n_jobs: int | None = None
-) -> Candidate:
-    """Return a set without the members that do not pay beside what follows no signal; itself where all do.
+) -> Worth:
+    """Return a set without the members that do not pay beside what follows no signal, and that.
 
     What wanders is no noise of a sensor, and a law that is bent to one course of it says nothing of another.
+    Where nothing acts beside the whole set, another test says what is noise.
 
     Parameters
     ----------
@@ -312,15 +325,15 @@ def worth_beside(
         Chance of a false alarm that is allowed, where something is said to follow no signal.
     """
 
-    def beside(laws: Candidate) -> tuple[float, Candidate]:
+    def beside(laws: Candidate) -> Worth:
         seen = look_for_unforeseen(problem, laws.fit.model, structure, n_jobs)
-        return (np.inf if seen is None or seen.p_value > level else seen.deviance + laws.price), laws
+        return Worth(laws, None if seen is None or seen.p_value > level else seen)
 
-    least = beside(told)[0]
-    while np.isfinite(least) and len(told.effects) > 1:
-        fewer = (without(problem, told, [effect]) for effect in told.effects)
-        price, likelier = min(map(beside, fewer), key=lambda one: one[0])
-        if not price < least:
+    best = beside(told)
+    while best.seen is not None and len(best.laws.effects) > 1:
+        fewer = (without(problem, best.laws, [effect]) for effect in best.laws.effects)
+        likelier = min(map(beside, fewer), key=lambda one: one.criterion)
+        if not likelier.criterion < best.criterion:
             break
-        least, told = price, likelier
-    return told
+        best = likelier
+    return best
