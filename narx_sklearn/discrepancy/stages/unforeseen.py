@@ -307,8 +307,8 @@ def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
         return False
     deviations = [unforeseen.noise.deviation(output) for output in range(problem.y.shape[1])]
     plain = problem.with_noise(Noise.white(np.array(deviations)))
-    without, with_laws = (fit(plain, c.fit.model, iterations=0).cost for c in (base, told))
-    return with_laws - plain.n_seen <= UNEXPLAINED * (without - plain.n_seen)
+    all_of_it, left = (fit(plain, c.fit.model, iterations=0).cost - plain.n_seen for c in (base, told))
+    return left <= UNEXPLAINED * all_of_it
 
 
 def worth_beside(
