@@ -1,6 +1,7 @@
 """What follows no signal: a load that wanders, an input that drops out, told from laws and from noise."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,8 +21,9 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
-from narx_sklearn.discrepancy.stages import unforeseen
+from narx_sklearn.discrepancy.stages import diagnosis, unforeseen
 from narx_sklearn.discrepancy.stages.foretold import are_foretelling, share_foretold
+from narx_sklearn.discrepancy.stages.judgement import Judgement
 from narx_sklearn.discrepancy.stages.unforeseen import (
     ADDED,
     FACTOR,
@@ -34,6 +36,7 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     which_leads,
     worth_beside,
 )
+from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 from narx_sklearn.physics.effects import CATALOGUE
 from narx_sklearn.report._words import headline
 
@@ -291,6 +294,14 @@ def test_a_name_beside_another_one_has_to_pay_beside_a_disturbance(rng, wanders,
     assert (left is told) == (stay == 2)
     assert (seen is not None) == (wanders > 0)
     assert seen is None or (seen.acting.title, str(seen.acting.entry.port)) == (ADDED, "state:1")
+
+
+def test_names_are_not_asked_to_pay_beside_what_a_twin_gets_wrong():
+    twin = object.__new__(TwinSimulator)
+    searched = SimpleNamespace(problem=SimpleNamespace(simulator=twin))
+    said = Judgement("explained", None, (), None)
+    settings = SimpleNamespace(n_jobs=1)
+    assert diagnosis._beside_what_wanders(said, searched, None, settings) is said
 
 
 def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):

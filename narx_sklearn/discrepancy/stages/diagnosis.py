@@ -608,10 +608,13 @@ def _unless_unforeseen(
 def _beside_what_wanders(
     said: Judgement | None, searched: Searched, structure: Structure, settings: Settings
 ) -> Judgement | None:
-    """Return what is said without the names that stand in for what follows no signal beside the others."""
-    if said is None or said.verdict == "unknown":
-        return said
+    """Return what is said without the names that stand in for what follows no signal beside the others.
+
+    What a twin gets wrong of its simulator looks like that, and says nothing of names.
+    """
     problem, n_jobs = searched.problem, settings.n_jobs
+    if said is None or said.verdict == "unknown" or isinstance(problem.simulator, TwinSimulator):
+        return said
     worth = worth_beside(problem, said.best, structure, settings.alpha_nameless, n_jobs)
     if worth.laws is not said.best:
         found = judged(searched, converged(problem, worth.laws, n_jobs), searched.pool, structure, settings)
