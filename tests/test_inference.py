@@ -27,7 +27,7 @@ class TestSpanning:
     def test_intervals_reach_over_what_each_explanation_says_of_the_simulators_own(self, two):
         problem, found, other = two
         sure, others = (intervals(problem, one) for one in (found, other))
-        spanned = spanning(problem, found, [other])
+        spanned = spanning(sure, problem, found, [other])
         np.testing.assert_allclose(spanned[0], [sure[0, 0], others[0, 1]])
         assert spanned[0, 1] - spanned[0, 0] > 3.0
         np.testing.assert_allclose(spanned[1], [min(sure[1, 0], others[1, 0]), max(sure[1, 1], others[1, 1])])
@@ -38,13 +38,16 @@ class TestSpanning:
         alike = other.jacobian.copy()
         alike[:, :, 2] = alike[:, :, 0]  # what the effect does, the gain does too
         lost = other._replace(jacobian=alike)
-        np.testing.assert_array_equal(spanning(problem, found, [lost])[0], intervals(problem, found)[0])
+        sure = intervals(problem, found)
+        np.testing.assert_array_equal(spanning(sure, problem, found, [lost])[0], sure[0])
         as_lost = found._replace(jacobian=alike)  # unless the first does not tell it either
-        assert spanning(problem, as_lost, [lost])[0, 1] == intervals(problem, lost)[0, 1]
+        spanned = spanning(intervals(problem, as_lost), problem, as_lost, [lost])
+        assert spanned[0, 1] == intervals(problem, lost)[0, 1]
 
     def test_nothing_else_leaves_intervals_as_they_are(self, two):
         problem, found, _ = two
-        np.testing.assert_array_equal(spanning(problem, found, []), intervals(problem, found))
+        sure = intervals(problem, found)
+        np.testing.assert_array_equal(spanning(sure, problem, found, []), sure)
 
 
 def test_a_rate_of_flow_is_told_only_together_with_a_line_of_the_level_that_may_have_any_slope():

@@ -21,6 +21,7 @@ from narx_sklearn.discrepancy.stages.followed import Followed
 from narx_sklearn.discrepancy.stages.judgement import Judgement
 from narx_sklearn.discrepancy.stages.remainder import Sign
 from narx_sklearn.discrepancy.stages.told_law import LeftByLaw
+from narx_sklearn.discrepancy.stages.unforeseen import Worth
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -182,12 +183,13 @@ def test_a_law_that_says_more_than_what_follows_no_signal_is_told_though_it_leav
     law, asked = Law(Port("state", 0), -100.0, -100.0), []
     monkeypatch.setattr(diagnosis, "left_by_law", lambda *given: LeftByLaw(1.0, signs))  # no signs: noise
     monkeypatch.setattr(diagnosis, "look_for_unforeseen", lambda *given: SimpleNamespace(p_value=1e-9))
+    monkeypatch.setattr(diagnosis, "beside_laws", lambda problem, laws, *given: Worth(laws, None))
     monkeypatch.setattr(diagnosis, "leave_little", lambda *given: False)
-    monkeypatch.setattr(diagnosis, "which_leads", lambda *given: asked.append(given[3]))
+    monkeypatch.setattr(diagnosis, "which_leads", lambda *given: asked.append(given[3].laws))
     monkeypatch.setattr(diagnosis, "fitted_beside", lambda problem, fit, seen, n_jobs: (fit, seen))
     nothing = SimpleNamespace(model=SimpleNamespace(effects=()))
     shapeless = Judgement("unknown", Candidate(nothing, 10), (), law)
-    searched = Searched(SimpleNamespace(n_seen=10), nothing, [])
+    searched = Searched(SimpleNamespace(n_seen=10, simulator=None), nothing, [])
     settings = SimpleNamespace(tell=lambda stage: None, n_jobs=None, alpha_nameless=0.0025)
     said, _ = diagnosis._unless_unforeseen(shapeless, 1e-4, searched, None, settings)
     assert asked == [law] * is_told

@@ -28,13 +28,14 @@ from narx_sklearn.discrepancy.stages.unforeseen import (
     ADDED,
     FACTOR,
     GAIN,
+    beside_laws,
     factors_inside,
     fitted_beside,
     leave_little,
     look_for_unforeseen,
     noise_left,
+    that_pay,
     which_leads,
-    worth_beside,
 )
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
 from narx_sklearn.physics.effects import CATALOGUE
@@ -263,7 +264,7 @@ def test_a_law_that_is_right_stands_beside_a_disturbance(rng, load):
     _, told, _ = fitted(u, y, (friction,))
     seen = look_for_unforeseen(problem, alone.model, structure)
     candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
-    leading = which_leads(problem, seen, *candidates, structure, LEVEL)
+    leading = which_leads(problem, seen, candidates[0], beside_laws(problem, candidates[1], structure, LEVEL))
     assert leading is None or leading[0] is candidates[1]
     assert leave_little(problem, seen, *candidates) == (load == 0)
 
@@ -275,7 +276,8 @@ def test_a_law_that_stands_in_for_a_disturbance_does_not(rng):
     _, told, _ = fitted(u, y, (line,))
     seen = look_for_unforeseen(problem, alone.model, structure)
     candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
-    leading, _ = which_leads(problem, seen, *candidates, structure, LEVEL)
+    worth = beside_laws(problem, candidates[1], structure, LEVEL)
+    leading, _ = which_leads(problem, seen, candidates[0], worth)
     assert leading is candidates[0]
     assert not leave_little(problem, seen, *candidates)
 
@@ -289,7 +291,7 @@ def test_a_name_beside_another_one_has_to_pay_beside_a_disturbance(rng, wanders,
     line = PlacedEffect(CATALOGUE["periodic_disturbance"], Port("state", 1), theta=(0.1, 2.0, 0.0))
     problem, found, structure = fitted(u, y, (friction, line))
     told = Candidate(found, problem.n_seen)
-    left, seen = worth_beside(problem, told, structure, LEVEL)
+    left, seen = that_pay(problem, beside_laws(problem, told, structure, LEVEL), structure, LEVEL)
     assert [e.effect.code for e in left.effects] == ["coulomb_friction", "periodic_disturbance"][:stay]
     assert (left is told) == (stay == 2)
     assert (seen is not None) == (wanders > 0)
@@ -301,7 +303,7 @@ def test_names_are_not_asked_to_pay_beside_what_a_twin_gets_wrong():
     searched = SimpleNamespace(problem=SimpleNamespace(simulator=twin))
     said = Judgement("explained", None, (), None)
     settings = SimpleNamespace(n_jobs=1)
-    assert diagnosis._beside_what_wanders(said, searched, None, settings) is said
+    assert diagnosis._beside(said, None, searched, None, settings) is said
 
 
 def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):
@@ -314,7 +316,8 @@ def test_a_drift_pays_for_itself_beside_a_disturbance_or_is_none(rng):
         seen = look_for_unforeseen(problem, alone.model, structure)
         candidates = [Candidate(found, problem.n_seen) for found in (alone, told)]
         assert not leave_little(problem, seen, *candidates)
-        leading = which_leads(problem, seen, *candidates, structure, LEVEL)
+        worth = beside_laws(problem, candidates[1], structure, LEVEL)
+        leading = which_leads(problem, seen, candidates[0], worth)
         assert (leading is None) == is_told
 
 
@@ -433,12 +436,33 @@ def test_the_report_draws_its_course(dropping_out, tmp_path):
     assert "its course, two standard errors to either side" in text
 
 
-def test_what_acts_beside_a_name_is_told(rng):
+def test_what_acts_beside_a_name_is_told_and_the_name_fitted_beside_it(rng):
+    """Its load, taken for noise of a colour, bends the friction to 0.62, 0.604 to 0.642."""
     u, y = record(rng, friction=0.6, load=wandering(rng, 40, 0.08))
     dx = DiscrepancyRegressor(make_oscillator(), effects=FEW).fit(u, y)
     assert dx.verdict_ in ("explained", "ambiguous")
-    assert [finding.effect for finding in dx.findings_] == ["coulomb_friction"]
+    (finding,) = dx.findings_
+    assert finding.effect == "coulomb_friction"
     assert "Beside these something acts in the equation of velocity that follows no signal" in dx.report_
+    assert "Fitted beside what acts by itself" in dx.report_
+    ((lower, upper),) = (finding.intervals[name] for name in finding.parameters)
+    assert lower < 0.6 < upper
+    assert upper - lower < 0.05
+    assert finding.confidence > 0.5
+    assert dx.noise_["position [m]"]["deviation"] == pytest.approx(SIGMA, rel=0.1)  # the sensor's alone
+
+
+def test_a_name_that_stands_in_for_what_acts_beside_another_is_not_told(rng):
+    """A gain that drifts stood beside the friction; what wanders says more than either, and goes first."""
+    u, y = record(rng, friction=0.3, load=wandering(rng, 40, 0.15))
+    dx = DiscrepancyRegressor(make_oscillator(), effects=FEW).fit(u, y)
+    assert dx.verdict_ == "unknown"
+    load, friction = dx.findings_
+    assert load.title == ADDED
+    assert friction.effect == "coulomb_friction"
+    ((lower, upper),) = (friction.intervals[name] for name in friction.parameters)
+    assert lower < 0.3 < upper
+    assert upper - lower < 0.1
 
 
 def test_a_simulation_that_was_corrected_is_fitted_beside_it_too(rng):

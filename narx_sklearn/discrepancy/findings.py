@@ -64,7 +64,8 @@ def make_findings(
     if (port := where_names_stand_in(diagnosis)) is not None:
         found.append(_beside_names(diagnosis, simulator, port))
     sure = diagnosis.intervals(level)
-    share = 1 - best.fit.cost / base.cost
+    compared = diagnosis.compared
+    share = 1 - compared.fit.cost / base.cost
     added = list(_added(diagnosis))
     told: dict[int, tuple[PlacedEffect, np.ndarray]] = {}
     for i in diagnosis.order:
@@ -118,9 +119,9 @@ def make_findings(
                 stands=verdict != "unknown" or diagnosis.unforeseen is not None,
                 evidence={
                     "criterion_gain": float(
-                        base.cost and Candidate(base, best.n_samples).criterion - best.criterion
+                        base.cost and Candidate(base, best.n_samples).criterion - compared.criterion
                     ),
-                    "next_best": float(rivals[0].criterion - best.criterion) if rivals else None,
+                    "next_best": float(rivals[0].criterion - compared.criterion) if rivals else None,
                 },
             )
         )
@@ -315,7 +316,7 @@ def _without_form(diagnosis: Diagnosis, simulator: Simulator, port: Port) -> Fin
 
 def _elsewhere(diagnosis: Diagnosis, i: int, simulator: Simulator) -> tuple[str, ...]:
     """Return the other places, in words, where the same effect, or such a law, fits hardly worse."""
-    best = diagnosis.best
+    best = diagnosis.compared
     effect = best.effects[i]
     words = [
         place_in_words(other, simulator)
@@ -338,7 +339,7 @@ def _confidence(diagnosis: Diagnosis, i: int) -> float:
     What names visibly leave speaks for it: the logarithm of its odds grows with that, and they are even where
     the names would not stand.
     """
-    best = diagnosis.best
+    best = diagnosis.compared
     is_at_home = at_home(best)
     weights: dict[str, float] = {best.effects[i].effect.code: 1.0}
     rivals = (c for some in diagnosis.alternatives for c in some)

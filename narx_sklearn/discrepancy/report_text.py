@@ -311,7 +311,8 @@ def about_parameters(dx) -> list[str]:
     told = {finding.evidence["parameter"] for finding in dx.data_findings_ if finding.code == "bounds"}
     told |= untold_parameters(dx)
     said = [*what_lies_at_bounds(dx.conclusion_.diagnosis, told), *_told_together(dx)]
-    if dx.conclusion_.diagnosis.unforeseen is not None:
+    diagnosis = dx.conclusion_.diagnosis
+    if diagnosis.unforeseen is not None or diagnosis.beside is not None:
         said.insert(0, "Fitted beside what acts by itself, of which a refit alone takes a part into them.")
     return said
 

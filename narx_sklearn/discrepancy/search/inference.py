@@ -68,22 +68,24 @@ def intervals(problem: Problem, fit: Fit, level: float = 0.9) -> np.ndarray:
     return np.clip(rows, domain[:, :1], domain[:, 1:])
 
 
-def spanning(problem: Problem, found: Fit, others: Iterable[Fit], level: float = 0.9) -> np.ndarray:
-    """Return intervals, (n_q, 2), widened over what other fits say of the simulator's own parameters.
+def spanning(
+    rows: np.ndarray, problem: Problem, found: Fit, others: Iterable[Fit], level: float = 0.9
+) -> np.ndarray:
+    """Return intervals of a fit, (n_q, 2), widened over what others say of the simulator's own parameters.
 
     Of parameters that another does not tell alone and the first does, it says nothing: a curve does not tell
     the stiffness beside it.
     """
-    spanned, n_own = intervals(problem, found, level), len(problem.simulator.parameters)
+    spanned, n_own = rows.copy(), len(problem.simulator.parameters)
     lost_anyway = {k for group in told_together(found) for k in group}
     for other in others:
-        rows = intervals(problem, other, level)[:n_own]
+        its = intervals(problem, other, level)[:n_own]
         lost = {k for group in told_together(other) for k in group if k < n_own} - lost_anyway
-        told = np.isfinite(rows).all(axis=1)
+        told = np.isfinite(its).all(axis=1)
         told[list(lost)] = False
         own = spanned[:n_own]  # a view
-        own[told, 0] = np.minimum(own[told, 0], rows[told, 0])
-        own[told, 1] = np.maximum(own[told, 1], rows[told, 1])
+        own[told, 0] = np.minimum(own[told, 0], its[told, 0])
+        own[told, 1] = np.maximum(own[told, 1], its[told, 1])
     return spanned
 
 

@@ -16,7 +16,13 @@ from narx_sklearn.discrepancy.results import NOTHING_MISSING
 from narx_sklearn.discrepancy.search.candidate import Candidate, converged, odd
 from narx_sklearn.discrepancy.search.confirm import CLEARER, OFFSET, clearer_noise, is_drift, priced
 from narx_sklearn.discrepancy.search.explain import Step
-from narx_sklearn.discrepancy.search.inference import parameters_moved, spanning, told_together, untold
+from narx_sklearn.discrepancy.search.inference import (
+    intervals,
+    parameters_moved,
+    spanning,
+    told_together,
+    untold,
+)
 from narx_sklearn.discrepancy.search.lookalikes import is_a_change
 from narx_sklearn.discrepancy.search.members import by_weight, without
 from narx_sklearn.discrepancy.search.unnamed.kinds import is_unnamed
@@ -61,11 +67,13 @@ from narx_sklearn.discrepancy.stages.temporary import (
 from narx_sklearn.discrepancy.stages.told_law import ToldLaw, left_by_law, told_law
 from narx_sklearn.discrepancy.stages.unforeseen import (
     Unforeseen,
+    Worth,
+    beside_laws,
     fitted_beside,
     leave_little,
     look_for_unforeseen,
+    that_pay,
     which_leads,
-    worth_beside,
 )
 from narx_sklearn.discrepancy.stages.unnamed import (
     SUSPECT,
@@ -106,6 +114,7 @@ class Diagnosis:
     against_noise: tuple[Sign, ...] = ()  # what noise would not do, of what is left over
     unforeseen: Unforeseen | None = None  # what follows no signal, where that is what was found
     beside: Unforeseen | None = None  # the same where names stand, and it acts beside them
+    chosen: Candidate | None = None  # the best as it was among others, where it was fitted beside that since
     lengthened_from: int = 0  # samples of a window before it was made long; 0 where it was not
     steps_miss: bool = False  # most of it, those of the integration; then no physics is believed
     record_misleads: bool = False  # by a mistake that must be mended before physics is believed
@@ -141,8 +150,9 @@ class Diagnosis:
         """Noise that the best explanation leaves; searched was under that which names leave."""
         if self.is_apart:
             return max(self.apart, key=lambda part: part.problem.n_seen).problem.noise
-        if self.unforeseen is not None:
-            return self.unforeseen.noise
+        wanders = self.unforeseen or self.beside
+        if wanders is not None:
+            return wanders.noise
         if not any(map(is_unnamed, self.best.effects)):
             return self.problem.noise
         return estimate_noise(self.problem.left_over(self.best.fit.model), self.problem.seen)
@@ -153,10 +163,13 @@ class Diagnosis:
         Those of the simulator's own parameters hold whichever of the explanations is right that these data
         do not exclude.
         """
-        model = self.best.fit.model
-        if self.unforeseen is None:
-            return spanning(self.problem, self.best.fit, [c.fit for c in self.not_excluded], level)
-        return self.unforeseen.intervals(model.q, all_bounds(self.problem, model), level)
+        problem, found = self.problem, self.best.fit
+        wanders = self.unforeseen or self.beside
+        if wanders is None:
+            rows = intervals(problem, found, level)
+        else:
+            rows = wanders.intervals(found.model.q, all_bounds(problem, found.model), level)
+        return spanning(rows, problem, found, [c.fit for c in self.not_excluded], level)
 
     @cached_property
     def untold(self) -> np.ndarray:
@@ -187,7 +200,14 @@ class Diagnosis:
             return None
         others = tuple(c for c in rivals if c is not drifts[0])
         verdict = "ambiguous" if others else "explained"
-        return replace(self, verdict=verdict, best=drifts[0], alternatives=(others,))
+        return replace(
+            self, verdict=verdict, best=drifts[0], alternatives=(others,), beside=None, chosen=None
+        )
+
+    @property
+    def compared(self) -> Candidate:
+        """The best as it was held against others: what it is now was fitted to something else too."""
+        return self.best if self.chosen is None else self.chosen
 
     @property
     def base_run(self) -> Run:
@@ -224,7 +244,16 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             break
         found = again
     found = _unless_straight(found, u, y, pieces, settings)
-    return _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
+    found = _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
+    return _fitted_beside(found, settings)
+
+
+def _fitted_beside(found: Diagnosis, settings: Settings) -> Diagnosis:
+    """Return a diagnosis whose names are fitted beside what follows no signal, which bends them too."""
+    if found.beside is None:
+        return found
+    fitted, beside = fitted_beside(found.problem, found.best.fit, found.beside, settings.n_jobs)
+    return replace(found, best=replace(found.best, fit=fitted), chosen=found.best, beside=beside)
 
 
 def _unless_straight(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settings: Settings) -> Diagnosis:
@@ -591,12 +620,16 @@ def _unless_unforeseen(
     elif leave_little(problem, seen, base, told):
         return by_law, p_missing
     else:
-        leading = which_leads(problem, seen, base, told, structure, level, settings.n_jobs)
+        worth = beside_laws(problem, told, structure, level, settings.n_jobs)
+        if not isinstance(problem.simulator, TwinSimulator):
+            worth = that_pay(problem, worth, structure, level, settings.n_jobs)
+        leading = which_leads(problem, seen, base, worth)
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None:
-            return _beside_what_wanders(by_law, searched, structure, settings), p_missing
-        if leading[0] is told and follows:
+            is_set = by_law is not None and told is by_law.best
+            return _beside(by_law, worth, searched, structure, settings) if is_set else by_law, p_missing
+        if leading[0] is worth.laws and follows:
             return by_law, p_missing
         base, seen = leading
     beside, seen = fitted_beside(problem, base.fit, seen, settings.n_jobs)
@@ -605,20 +638,20 @@ def _unless_unforeseen(
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
 
 
-def _beside_what_wanders(
-    said: Judgement | None, searched: Searched, structure: Structure, settings: Settings
-) -> Judgement | None:
-    """Return what is said without the names that stand in for what follows no signal beside the others.
+def _beside(
+    said: Judgement, worth: Worth, searched: Searched, structure: Structure, settings: Settings
+) -> Judgement:
+    """Return what is said of those members of a set that pay beside what follows no signal.
 
     What a twin gets wrong of its simulator looks like that, and says nothing of names.
     """
-    problem, n_jobs = searched.problem, settings.n_jobs
-    if said is None or said.verdict == "unknown" or isinstance(problem.simulator, TwinSimulator):
+    problem = searched.problem
+    if isinstance(problem.simulator, TwinSimulator):
         return said
-    worth = worth_beside(problem, said.best, structure, settings.alpha_nameless, n_jobs)
     if worth.laws is not said.best:
-        found = judged(searched, converged(problem, worth.laws, n_jobs), searched.pool, structure, settings)
-        if found.verdict == "unknown":
+        fewer = converged(problem, worth.laws, settings.n_jobs)
+        found = judged(searched, fewer, searched.pool, structure, settings)
+        if found.verdict == "unknown" and said.verdict != "unknown":
             return said
         said = found
     return said._replace(beside=worth.seen)

@@ -261,10 +261,7 @@ def which_leads(
     problem: Problem,
     unforeseen: Unforeseen,
     base: Candidate,
-    told: Candidate,
-    structure: Structure,
-    level: float,
-    n_jobs: int | None = None,
+    told: Worth,
 ) -> tuple[Candidate, Unforeseen] | None:
     """Return what is unforeseen, and what goes with it, where it says more than laws that were told.
 
@@ -277,18 +274,18 @@ def which_leads(
     ----------
     unforeseen : Unforeseen
         Found without the laws.
-    base, told : Candidate
-        Without and with the laws.
-    level : float
-        Chance of a false alarm that is allowed.
+    base : Candidate
+        Without the laws.
+    told : Worth
+        The laws, and what acts beside them.
     """
-    beside = look_for_unforeseen(problem, told.fit.model, structure, n_jobs)
-    if beside is None or beside.p_value > level:
+    laws, beside = told
+    if beside is None:
         return None
-    of_laws = unforeseen.deviance + base.price - beside.deviance - told.price
+    of_laws = unforeseen.deviance + base.price - told.criterion
     if of_laws < CLEARER:
-        return None if are_foretelling(problem, base.fit.model, told.fit.model) else (base, unforeseen)
-    return (told, beside) if of_laws < beside.of_noise - beside.deviance else None
+        return None if are_foretelling(problem, base.fit.model, laws.fit.model) else (base, unforeseen)
+    return (laws, beside) if of_laws < beside.of_noise - beside.deviance else None
 
 
 def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told: Candidate) -> bool:
@@ -311,8 +308,22 @@ def leave_little(problem: Problem, unforeseen: Unforeseen, base: Candidate, told
     return left <= UNEXPLAINED * all_of_it
 
 
-def worth_beside(
-    problem: Problem, told: Candidate, structure: Structure, level: float, n_jobs: int | None = None
+def beside_laws(
+    problem: Problem, laws: Candidate, structure: Structure, level: float, n_jobs: int | None = None
+) -> Worth:
+    """Return laws with what acts beside them that follows no signal, if anything does.
+
+    Parameters
+    ----------
+    level : float
+        Chance of a false alarm that is allowed.
+    """
+    seen = look_for_unforeseen(problem, laws.fit.model, structure, n_jobs)
+    return Worth(laws, None if seen is None or seen.p_value > level else seen)
+
+
+def that_pay(
+    problem: Problem, told: Worth, structure: Structure, level: float, n_jobs: int | None = None
 ) -> Worth:
     """Return a set without the members that do not pay beside what follows no signal, and that.
 
@@ -321,18 +332,16 @@ def worth_beside(
 
     Parameters
     ----------
+    told : Worth
+        The whole set, and what acts beside it.
     level : float
         Chance of a false alarm that is allowed, where something is said to follow no signal.
     """
-
-    def beside(laws: Candidate) -> Worth:
-        seen = look_for_unforeseen(problem, laws.fit.model, structure, n_jobs)
-        return Worth(laws, None if seen is None or seen.p_value > level else seen)
-
-    best = beside(told)
+    best = told
     while best.seen is not None and len(best.laws.effects) > 1:
         fewer = (without(problem, best.laws, [effect]) for effect in best.laws.effects)
-        likelier = min(map(beside, fewer), key=lambda one: one.criterion)
+        beside = (beside_laws(problem, laws, structure, level, n_jobs) for laws in fewer)
+        likelier = min(beside, key=lambda one: one.criterion)
         if not likelier.criterion < best.criterion:
             break
         best = likelier
