@@ -627,8 +627,9 @@ def _unless_unforeseen(
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None:
-            is_set = by_law is not None and told is by_law.best
-            return _beside(by_law, worth, searched, structure, settings) if is_set else by_law, p_missing
+            if by_law is None or told is not by_law.best:
+                return by_law, p_missing
+            return _beside(by_law, worth, searched, structure, settings), p_missing
         if leading[0] is worth.laws and follows:
             return by_law, p_missing
         base, seen = leading
