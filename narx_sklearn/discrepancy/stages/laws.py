@@ -1,4 +1,4 @@
-"""Laws without a name: which product, storage, force near one place, ripple, memory or reading tells most."""
+"""Laws without a name: which product, storage, ripple, radiation, memory, switch or reading tells most."""
 
 from itertools import chain
 
@@ -16,6 +16,7 @@ from narx_sklearn.discrepancy.search.unnamed.by_rate import placed_by_rate
 from narx_sklearn.discrepancy.search.unnamed.memories import COEFFICIENTS, MEMORIES
 from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.radiation import radiation_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.storage import storage_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.switches import SWITCHES
@@ -40,12 +41,14 @@ def best_laws(
     first: how well the tangents tell one depends on how near to it they begin.
     """
     simulator, run = problem.simulator, problem.run(refitted.model)
-    x = run.x[problem.rows[problem.inside]]
+    rows = problem.rows[problem.inside]
+    x = run.x[rows]
     kinds = (
         product_hypotheses(simulator, structure, x),
         storage_hypotheses(simulator, structure, x),
         place_hypotheses(simulator, structure, x),
         ripple_hypotheses(simulator, structure, x),
+        radiation_hypotheses(simulator, structure, problem.u[rows], x),
     )
     coefficients = enumerate_hypotheses(COEFFICIENTS, problem, run, structure, n_jobs=n_jobs)
     once = {h.placed.place: h for h in coefficients}  # a state without one is its own position too

@@ -13,6 +13,7 @@ DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyo
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING = "unnamed_dependence"  # of a parameter
 ONE_PLACE = "unnamed_force_near_one_place"
+RADIATED = "unnamed_radiation"
 RIPPLED = "unnamed_gain_that_ripples"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 AFTER_WORK, AFTER_SQUARE = "unnamed_coefficient_after_work", "unnamed_coefficient_after_square"
@@ -145,6 +146,11 @@ WORDS = {
         "a force near one place",
         "Something acts near one value of this signal and hardly elsewhere, as a detent, a magnet or "
         "a rough spot does.",
+    ),
+    RADIATED: Words(
+        "heat that is radiated",
+        "What is lost here goes as the fourth power of the absolute temperature; its coefficient at 300 K "
+        "is a.",
     ),
     RIPPLED: Words(
         "a gain that ripples with an angle or a position",
