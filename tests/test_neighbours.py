@@ -300,3 +300,26 @@ def test_forces_are_those_the_run_adds(made):
     law = -0.5 * np.sign(argument) if made == "strut" else -15.0 * argument * np.abs(argument)
     np.testing.assert_allclose(argument, run.x[rows] @ placed.weights, atol=1e-12)
     np.testing.assert_allclose(force[moving], law[moving], atol=1e-9)
+
+
+def muscle(x, u, p):
+    """A pressure that moves a body and feels nothing of it."""
+    return p[0] * u[0] - p[1] * x[0], x[2], p[2] * x[0] - p[3] * x[1] - p[4] * x[2]
+
+
+@pytest.mark.parametrize(("units", "is_neighbour"), [(("", "", ""), False), (("m/s", "m", "m/s"), True)])
+def test_what_feels_nothing_of_a_body_is_no_neighbour_where_nobody_told_units(units, is_neighbour):
+    names = ("pressure", "position", "rate")
+    simulator = ODESimulator(
+        muscle,
+        dt=0.01,
+        parameters={"gain": 8.0, "leak": 8.0, "area": 30.0, "spring": 90.0, "damping": 6.0},
+        states=[f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)],
+        inputs=["valve"],
+        output=(0, 1),
+    )
+    u = np.repeat(np.random.default_rng(0).uniform(0.0, 3.0, 20), 30)[:, None]
+    found = places("load_friction", simulator, u)
+    rubs = [(str(p.port), p.weights, p.second_name) for p in found]
+    assert (("state:2", (0.0, 0.0, 1.0), "pressure") in rubs) is not is_neighbour  # it may press on what rubs
+    assert any(np.count_nonzero(p.weights) == 2 for p in found) is is_neighbour

@@ -394,16 +394,26 @@ def _pushed_back(i: int, own: int, j: int, structure: Structure) -> tuple[int, f
 
 
 def _opposed(i: int, own: int, simulator: Simulator, structure: Structure) -> list[int]:
-    """Return the states that equation ``i`` feels in the opposite sense of one of its own: neighbours."""
+    """Return the states that equation ``i`` feels in the opposite sense of one of its own: neighbours.
+
+    They are of one unit. Where nobody told units, they are those that are pushed back: a pressure that moves
+    a body, and feels nothing of it, is no speed.
+    """
     if simulator.discrete or not structure.states[i, own]:
         return []
+
+    def is_alike(j: int) -> bool:
+        unit = simulator.states[own].unit
+        alike = simulator.states[j].unit == unit
+        return alike and (bool(unit) or _pushed_back(i, own, j, structure)[0] >= 0)
+
     return [
         j
         for j in np.flatnonzero(structure.states[i]).tolist()
         if j != own
         and structure.kinematic[j] == structure.kinematic[own]
         and structure.slope[i, j] * structure.slope[i, own] < 0
-        and simulator.states[j].unit == simulator.states[own].unit
+        and is_alike(j)
     ]
 
 
