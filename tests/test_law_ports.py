@@ -196,3 +196,29 @@ def test_a_law_that_says_more_than_what_follows_no_signal_is_told_though_it_leav
     assert (said.unforeseen is None) == is_told
     assert (said.best is law) == is_told
     assert said.against_noise == signs
+
+
+@pytest.mark.parametrize(
+    ("colour", "law", "signs", "lengthened", "is_enough"),
+    [
+        (0.0, True, (), 0, True),
+        (0.5, True, (), 0, True),  # 75 % of it is new in each sample
+        (0.6, True, (), 0, False),  # 64 %: names may leave less than 70 % of it
+        (0.0, False, (), 0, False),  # names, of which others may leave less
+        (0.0, True, (Sign("bursts", "", 1e-9),), 0, False),
+        (0.0, True, (), 800, False),  # where windows were made long any less is enough
+    ],
+)
+def test_a_law_that_leaves_next_to_noise_is_not_looked_for_again(
+    told, colour, law, signs, lengthened, is_enough
+):
+    friction = PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(0.2,))
+    found = SimpleNamespace(
+        best=SimpleNamespace(effects=(place_hypotheses(*told)[0].placed,) if law else (friction,)),
+        noise=Noise((np.array([colour][: colour > 0]),), np.array([0.1])),
+        problem=SimpleNamespace(seen=np.ones((1, 100, 1), dtype=bool)),
+        lengthened_from=lengthened,
+        against_noise=signs,
+        unforeseen=None,
+    )
+    assert diagnosis._leaves_next_to_noise(found) is is_enough

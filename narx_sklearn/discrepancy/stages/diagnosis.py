@@ -394,12 +394,25 @@ def _unless_narrow(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, setti
 
 def _shorter(found: Diagnosis, settings: Settings) -> int:
     """Return how many samples shorter windows should have; 0 where there are none worth a look."""
-    if settings.window is not None:
+    if settings.window is not None or _leaves_next_to_noise(found):
         return 0
     length = float(np.median(found.problem.windows.last - found.problem.windows.first))
     if found.lengthened_from:
         return int(np.sqrt(found.lengthened_from * length))
     return int(length / SHORTER) if length >= SHORTER * SHORT else 0
+
+
+def _leaves_next_to_noise(found: Diagnosis) -> bool:
+    """Tell whether a law without a name leaves hardly more than what is new in each sample.
+
+    Names of shorter windows have to leave clearly less than the law, and nothing foretells what is new.
+    """
+    is_law = bool(found.best.effects) and all(map(is_unnamed, found.best.effects))
+    if not is_law or found.lengthened_from or found.against_noise or found.unforeseen is not None:
+        return False
+    noise, seen = found.noise, found.problem.seen.sum(axis=(0, 1))
+    whole = np.array([noise.deviation(output) for output in range(seen.size)])
+    return bool(CLEARLY_LESS * np.average((whole / noise.sigma) ** 2, weights=seen) < 1.0)
 
 
 def _explains_more(shorter: Diagnosis, found: Diagnosis) -> bool:
