@@ -1,5 +1,7 @@
 """The search: what is asked for, added, exchanged and put in order."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from small_machines import axis_problem, friction, levels, make_axis
@@ -12,16 +14,19 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search import confirm, explain
 from narx_sklearn.discrepancy.search.bank import flexible_residual, make_bank
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
+from narx_sklearn.discrepancy.search.confirm import deviance
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import probe, refit_leaders
 from narx_sklearn.discrepancy.search.hypotheses import enumerate_hypotheses
 from narx_sklearn.discrepancy.search.inference import intervals
-from narx_sklearn.discrepancy.search.members import by_weight, without_idle
+from narx_sklearn.discrepancy.search.members import by_weight, that_run, without, without_each, without_idle
 from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.search.valleys import other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import unforeseen
+from narx_sklearn.discrepancy.stages.unforeseen import Worth, that_pay
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -346,3 +351,46 @@ class TestSearch:
         built = [[effect.effect.code for effect in c.effects] for c in steps[1].candidates]
         assert ["coulomb_friction", "additive_drift"] in built
         assert (["additive_drift", "coulomb_friction"] in built) is not is_noise
+
+
+def running_away(x, u, p):
+    return (p[0] * u[0] - x[0] + p[1] * x[0] ** 3,)
+
+
+@pytest.fixture(scope="module")
+def held():
+    """Return a problem whose machine runs away without a force that is in a set beside another one."""
+    rng = np.random.default_rng(0)
+    names = {"states": ["x"], "inputs": ["u"]}
+    simulator = ODESimulator(running_away, dt=0.1, parameters={"gain": 3.0, "push": 1.0}, **names)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 10)[:, None]
+    holds = PlacedEffect(CATALOGUE["cubic_stiffness"], Port("state", 0), (1.0,), theta=(1.5,))
+    load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 0), theta=(0.3,))
+    y = simulator.with_effects([holds, load]).simulate(u) + 0.01 * rng.normal(size=u.shape)
+    windows = cut([(slice(0, len(u)), 0)], 300, 4)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
+    found = fit(problem, Model(simulator.nominal, (holds, load), np.zeros((windows.count, 1))))
+    return problem, Candidate(found, problem.n_seen)
+
+
+def test_a_set_without_what_holds_the_machine_is_none(held):
+    problem, both = held
+    holds, load = both.effects
+    assert not np.isfinite(without(problem, both, [holds]).fit.cost)
+    assert without_each(problem, both) == []
+    assert len(that_run([without(problem, both, [holds]), without(problem, both, [load])])) == 1
+
+
+def test_what_runs_away_leaves_no_noise_of_any_likelihood(held):
+    problem, both = held
+    assert deviance(problem, both.fit.model._replace(effects=())) == np.inf
+    assert np.isfinite(deviance(problem, both.fit.model))
+
+
+def test_a_set_without_what_holds_the_machine_is_not_asked_what_acts_beside_it(held, monkeypatch):
+    problem, both = held
+    asked = []
+    monkeypatch.setattr(unforeseen, "beside_laws", lambda problem, laws, *given: asked.append(laws) or worth)
+    worth = Worth(both, SimpleNamespace(deviance=0.0))
+    assert that_pay(problem, worth, None, 0.0025) is worth
+    assert [laws.effects[0].effect.code for laws in asked] == ["cubic_stiffness"]

@@ -1,6 +1,6 @@
 """What the members of a set of effects are worth in it: the set without them, or in another order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -18,8 +18,13 @@ MAY_BE_NOTHING = 1.64  # standard errors, within which an effect's size may as w
 
 
 def without_each(problem: Problem, candidate: Candidate) -> list[Candidate]:
-    """Return the set fitted without each of its members but the last."""
-    return [without(problem, candidate, [effect]) for effect in candidate.effects[:-1]]
+    """Return the set fitted without each of its members but the last; of those with which it runs."""
+    return that_run(without(problem, candidate, [effect]) for effect in candidate.effects[:-1])
+
+
+def that_run(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return those that leave something finite: without what a set held on to a machine may run away."""
+    return [c for c in candidates if np.isfinite(c.fit.cost)]
 
 
 def reordered(problem: Problem, pool: Sequence[Candidate]) -> list[Candidate]:
@@ -35,7 +40,7 @@ def reordered(problem: Problem, pool: Sequence[Candidate]) -> list[Candidate]:
             effects[i], effects[j] = effects[j], effects[i]
             model = candidate.fit.model._replace(effects=tuple(effects))
             found.append(Candidate(fit(problem, model, iterations=FINE), candidate.n_samples))
-    return found
+    return that_run(found)
 
 
 def _on_one_signal(candidate: Candidate) -> list[tuple[int, int]]:
@@ -55,7 +60,7 @@ def without_idle(problem: Problem, candidate: Candidate) -> list[Candidate]:
     well as one of its own, it is the shorter steps in which it turns about that help, so it does nothing.
     """
     idle = [effect for i, effect in enumerate(candidate.effects) if _is_idle(problem, candidate, i)]
-    return [without(problem, candidate, idle)] if 0 < len(idle) < len(candidate.effects) else []
+    return that_run([without(problem, candidate, idle)]) if 0 < len(idle) < len(candidate.effects) else []
 
 
 def _is_idle(problem: Problem, candidate: Candidate, index: int) -> bool:

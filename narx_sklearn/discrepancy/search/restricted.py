@@ -39,9 +39,14 @@ class OwnNoise(NamedTuple):
 def own_noise(
     problem: Problem, model: Model, *, may_drift: bool = True, contrasts: "Contrasts | None" = None
 ) -> OwnNoise:
-    """Return the likeliest noise beside a model: white, coloured or, where it may, drifting."""
-    contrasts = contrasts or Contrasts.of(problem, model)
+    """Return the likeliest noise beside a model: white, coloured or, where it may, drifting.
+
+    What runs away leaves no noise, and its deviance is infinite.
+    """
     left = problem.left_over(model)
+    if not np.isfinite(left).all():
+        return OwnNoise(problem.noise, np.inf)
+    contrasts = contrasts or Contrasts.of(problem, model)
     n_outputs = left.shape[2]
     best = contrasts.under(Noise.white(np.ones(n_outputs)))
     for output in range(n_outputs):

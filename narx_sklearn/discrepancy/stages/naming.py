@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.search.confirm import more_than_drift
 from narx_sklearn.discrepancy.search.harmonics import with_one_course
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.lookalikes import ALIKE, REFINES, declared_rival, is_one_law, likeliest
-from narx_sklearn.discrepancy.search.members import reordered, without, without_idle
+from narx_sklearn.discrepancy.search.members import reordered, that_run, without, without_idle
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
@@ -85,7 +85,7 @@ def _without_form_menders(
     """
     if len(best.effects) < 2:
         return best
-    members = sorted((without(problem, best, [e]) for e in best.effects), key=lambda c: c.fit.cost)
+    members = sorted(that_run(without(problem, best, [e]) for e in best.effects), key=lambda c: c.fit.cost)
     for fewer in [*members, *_one_for_two(best, pool)]:
         fewer = converged(problem, fewer, n_jobs)
         if fewer.criterion - taken_by_forms(problem, fewer, structure, n_jobs) < best.criterion:

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.confirm import CLEARER, DRIFTS
-from narx_sklearn.discrepancy.search.members import without
+from narx_sklearn.discrepancy.search.members import that_run, without
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.foretold import are_foretelling
@@ -339,9 +339,9 @@ def that_pay(
     """
     best = told
     while best.seen is not None and len(best.laws.effects) > 1:
-        fewer = (without(problem, best.laws, [effect]) for effect in best.laws.effects)
+        fewer = that_run(without(problem, best.laws, [effect]) for effect in best.laws.effects)
         beside = (beside_laws(problem, laws, structure, level, n_jobs) for laws in fewer)
-        likelier = min(beside, key=lambda one: one.criterion)
+        likelier = min(beside, key=lambda one: one.criterion, default=best)
         if not likelier.criterion < best.criterion:
             break
         best = likelier
