@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED
-from narx_sklearn.discrepancy.search.unnamed.radiation import CELSIUS, TYPICAL, radiation_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.radiation import CELSIUS, ROOM, TYPICAL, radiation_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 
 DT, FINER = 10.0, 20
@@ -104,3 +104,18 @@ def test_a_plate_that_radiates_to_the_sky_is_told_with_its_parameters(unit, effe
     inside = (table["augmented_low"] < list(TRUE.values())) & (table["augmented_high"] > list(TRUE.values()))
     assert inside.all()
     assert dx.scores_["nrmse"]["augmented"] < dx.scores_["nrmse"]["refitted"]
+
+
+def test_a_rise_is_counted_from_its_surroundings():
+    simulator = ODESimulator(
+        warmed,
+        dt=DT,
+        parameters={"a": 1.0, "b": 1.0},
+        states=["rise [K]"],
+        inputs=["heat [W]", "room [degC]"],
+    )
+    u, x = np.full((9, 2), 20.0), np.linspace(0.0, 60.0, 9)[:, None]
+    (alone, _) = (h.placed for h in hypotheses(simulator, u, x))
+    np.testing.assert_array_equal(alone.bounds[1:], np.full((2, 2), ROOM))
+    theta, nothing = np.array([1.0, ROOM, ROOM]), np.zeros(1)
+    assert alone.effect.force(0.0, 0.0, 0.0, np.nan, 0.0, DT, nothing, theta, nothing) == 0.0

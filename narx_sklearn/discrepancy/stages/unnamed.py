@@ -15,6 +15,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED
 from narx_sklearn.discrepancy.search.unnamed.polynomials import TERMS, held_beyond, without_terms
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
@@ -89,12 +90,14 @@ def _likeliest(problem: Problem, laws: list[Candidate], n_jobs: int | None) -> C
 
     Noise was estimated beside something else, of which its colour may hold what that left: a sensor's error,
     say, that only looks like a drift. A law that is clearly likelier under the noise that it leaves itself
-    then goes first. White noise holds nothing of the kind, and colour would excuse what a law leaves.
+    then goes first. White noise holds nothing of the kind, and colour would excuse what a law leaves. That
+    what is hot radiates is known before any data; that it loses a power of its rise is not.
     """
     if not laws:
         return None
-    own = np.array([deviance(problem, law.fit.model) + law.price for law in laws])
-    shared = np.array([law.criterion for law in laws])
+    before = np.array([-HARDLY * (law.effects[-1].effect.code == RADIATED) for law in laws])
+    own = np.array([deviance(problem, law.fit.model) + law.price for law in laws]) + before
+    shared = np.array([law.criterion for law in laws]) + before
     at = int(np.argmin(shared))
     if problem.noise.n_parameters and own.min() < own[at] - CLEARER:
         at = int(np.argmin(own))

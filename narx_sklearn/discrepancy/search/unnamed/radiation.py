@@ -59,10 +59,11 @@ def radiation_hypotheses(
         if zero is None:
             continue
         own = Argument(weights_of(n_states, {i: 1.0}), *signal)
-        mean = float(x[:, i].mean()) + zero
-        law = _law("s", EffectParameter("s", "K", 0.0, HOTTEST), zero)
+        # a rise is counted from its surroundings
+        cold, bounds = (ROOM, (ROOM, ROOM)) if zero == ROOM else (float(x[:, i].min()) + zero, (0.0, HOTTEST))
+        law = _law("s", EffectParameter("s", "K", *bounds), zero)
         placed = placed_at(law, Port("state", i), own)
-        found.append(Hypothesis.untuned(placed, np.array([[1.0, mean, zero]])))
+        found.append(Hypothesis.untuned(placed, np.array([[1.0, cold, zero]])))
         for j, its_zero in around:
             law = _law("w", EffectParameter("d", "K", -COLDER, COLDER), zero, its_zero)
             to = replace(
@@ -78,8 +79,8 @@ def radiation_hypotheses(
 def zero_of(signal: Signal, values: np.ndarray) -> float | None:
     """Return what is added to a temperature to make it absolute, K; None for what is none.
 
-    A signal in kelvin that comes near zero is a rise above surroundings. Without a unit its name and range
-    tell.
+    A signal in kelvin that comes near zero is a rise above its surroundings. Without a unit its name and
+    range tell.
 
     Examples
     --------
