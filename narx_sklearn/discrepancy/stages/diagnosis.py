@@ -455,10 +455,14 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     problem, refitted, _ = searched
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
     searched, found = _looked_into_parts(searched, stretches, structure, settings)
-    p_missing = searched.p_value
-    if searched.steps and (found is None or not found.best.effects):
+    p_missing, varying = searched.p_value, None
+    if found is not None and not found.best.effects:  # where no name is near all else takes long
+        varying = parameter_that_varies(searched, found, structure, settings)
+    if varying is None and searched.steps and (found is None or not found.best.effects):
         searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
-    if found is not None and (varying := parameter_that_varies(searched, found, structure, settings)):
+    if varying is None and found is not None:
+        varying = parameter_that_varies(searched, found, structure, settings)
+    if varying is not None:
         searched, found = varying
     if searched.steps:
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
