@@ -61,14 +61,12 @@ def test_a_temperature_radiates_to_its_surroundings_and_to_what_was_measured():
     np.testing.assert_array_equal(in_degrees.bounds[2:], np.full((2, 2), CELSIUS))
 
 
+def one_state(state, inputs):
+    return ODESimulator(warmed, dt=DT, parameters={"a": 1.0, "b": 1.0}, states=[state], inputs=inputs)
+
+
 def test_what_is_no_temperature_radiates_nothing():
-    tank = ODESimulator(
-        warmed,
-        dt=DT,
-        parameters={"a": 1.0, "b": 1.0},
-        states=["level [m]"],
-        inputs=["flow", "air [K]"],
-    )
+    tank = one_state("level [m]", ["flow", "air [K]"])
     assert hypotheses(tank, np.full((9, 2), 300.0), np.full((9, 1), 300.0)) == []
 
 
@@ -107,13 +105,7 @@ def test_a_plate_that_radiates_to_the_sky_is_told_with_its_parameters(unit, effe
 
 
 def test_a_rise_is_counted_from_its_surroundings():
-    simulator = ODESimulator(
-        warmed,
-        dt=DT,
-        parameters={"a": 1.0, "b": 1.0},
-        states=["rise [K]"],
-        inputs=["heat [W]", "room [degC]"],
-    )
+    simulator = one_state("rise [K]", ["heat [W]", "room [degC]"])
     u, x = np.full((9, 2), 20.0), np.linspace(0.0, 60.0, 9)[:, None]
     (alone, _) = (h.placed for h in hypotheses(simulator, u, x))
     np.testing.assert_array_equal(alone.bounds[1:], np.full((2, 2), ROOM))
