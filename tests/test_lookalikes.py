@@ -423,7 +423,7 @@ class TestLookAlikes:
         problem, start = axis_problem([turning])
         cubic, gravity = self.springs(fit(problem, start), problem, unit)
         found = SimpleNamespace(
-            best=gravity,
+            compared=gravity,
             alternatives=((),),
             steps=[SimpleNamespace(candidates=[cubic])],
             p_missing=0.0,
@@ -447,7 +447,7 @@ class TestLookAlikes:
         best = Candidate(fit(problem, start._replace(effects=(friction(0.4),))), problem.n_seen)
         left = LeftByForm(share=0.05 * doubt, deviations=1.0, doubt=doubt)
         found = SimpleNamespace(
-            best=best, alternatives=((),), steps=[], p_missing=0.0, is_named=True, left=left
+            compared=best, alternatives=((),), steps=[], p_missing=0.0, is_named=True, left=left
         )
         assert _confidence(found, 0) == pytest.approx(confidence)
 
@@ -569,7 +569,7 @@ def test_a_shape_that_nobody_feels_excludes_nothing_by_less_than_its_price(share
     other = leaving(HARDLY + share * price, offset)
     assert any(c is other for c in look_alikes(problem, best, [other], 0.0, {})) == stays
     found = SimpleNamespace(
-        best=best,
+        compared=best,
         alternatives=((),),
         steps=[SimpleNamespace(candidates=[other])],
         p_missing=0.0,
