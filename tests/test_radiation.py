@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED
-from narx_sklearn.discrepancy.search.unnamed.radiation import CELSIUS, ROOM, TYPICAL, radiation_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.radiation import ROOM, TYPICAL, radiation_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.model.units import ZEROS
 
 DT, FINER = 10.0, 20
 EMITS, SKY = 6e-4, 11.0  # 1/s, K below the air
+CELSIUS = ZEROS["degC"]
 FEW = ["root_outflow", "quadratic_stiffness", "cubic_stiffness", "temperature_gain", "constant_load"]
 TRUE = {"absorbs": 2.0e-4, "loses": 6.0e-4}
 

@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import FINE, Candidate, odd, once
 from narx_sklearn.discrepancy.search.confirm import Trial, confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.search.detect import Detection, detect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
-from narx_sklearn.discrepancy.search.members import reordered, without_each, without_idle
+from narx_sklearn.discrepancy.search.members import reordered, that_run, without_each, without_idle
 from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs, with_nearest
 from narx_sklearn.discrepancy.search.valleys import may_lie_elsewhere, other_valleys
 from narx_sklearn.discrepancy.settings import Settings
@@ -173,7 +173,7 @@ def _fitted(
         return Candidate(found, problem.n_seen)
 
     found = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(fitted)(model) for model in models)
-    return sorted((c for c in found if np.isfinite(c.fit.cost)), key=lambda c: c.criterion)
+    return sorted(that_run(found), key=lambda c: c.criterion)
 
 
 def refit_pairs(

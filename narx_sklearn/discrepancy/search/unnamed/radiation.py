@@ -12,16 +12,15 @@ from narx_sklearn.discrepancy.search.places import Argument, placed_at, weights_
 from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED, unnamed_law
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.model.units import scale_to
+from narx_sklearn.model.units import ZEROS, scale_to
 from narx_sklearn.physics.effects import Effect, EffectParameter
 
-CELSIUS, ROOM = 273.15, 293.15  # K, of their zeros: where a rise is counted from, a room's is as good as any
+ROOM = 293.15  # K: where a rise is counted from, a room is as good as anything
 ABSOLUTE = 150.0  # K; what is never colder is not counted from a room
 HOTTEST = 5000.0  # K
 TYPICAL = 300.0  # K, at which a coefficient is told
 COLDER = 200.0  # K, by which what is radiated to may be colder, or warmer, than what was measured
 NAMED = re.compile(r"T(_|\d|$)|temp", re.IGNORECASE)  # of a temperature without a unit
-IN_DEGREES = ("degC", "°C")
 
 
 @njit(nogil=True, cache=True)
@@ -96,10 +95,9 @@ def zero_of(signal: Signal, values: np.ndarray) -> float | None:
     """
     low, high = float(np.min(values)), float(np.max(values))
     is_absolute = low > ABSOLUTE and high < HOTTEST
-    if signal.unit in IN_DEGREES:
-        return CELSIUS if low > -CELSIUS else None
     if signal.unit:
-        return (0.0 if is_absolute else ROOM) if scale_to(signal.unit, "K") == 1.0 and low > -ROOM else None
+        zero = ZEROS.get(signal.unit, 0.0) or (0.0 if is_absolute else ROOM)
+        return zero if scale_to(signal.unit, "K") == 1.0 and low + zero > 0 else None
     return 0.0 if is_absolute and NAMED.match(signal.name) else None
 
 
