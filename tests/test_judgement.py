@@ -288,6 +288,12 @@ def test_an_offset_that_may_be_a_drift_is_one_to_the_judge(said, rival, noise, m
     assert may_be_drift(noise, found(said), alternatives) == may_be
 
 
+def test_where_nothing_is_named_no_output_drifts():
+    problem, start = axis_problem([friction(0.4)])
+    nothing = Candidate(fit(problem, start), problem.n_seen)
+    assert not may_be_drift(problem.noise, nothing, ())
+
+
 @pytest.mark.long
 def test_names_bent_to_friction_that_grows_with_a_power_of_speed_are_no_explanation():
     """Without the name that has such a law too, Stribeck friction at the limits of its shape."""

@@ -613,7 +613,7 @@ def _unless_unforeseen(
     one that leaves little of it goes before.
     """
     problem, refitted, _ = searched
-    if found is not None and _may_be_drift(problem, found):
+    if found is not None and may_be_drift(problem.noise, found.best, found.alternatives):
         return found, p_missing
     settings.tell("does anything act that follows no signal?")
     seen = look_for_unforeseen(problem, refitted.model, structure, settings.n_jobs)
@@ -689,11 +689,6 @@ def _judged_as(told: ToldLaw) -> Judgement:
     """Return what is said where a law without a name says most."""
     of_each: tuple[tuple[Candidate, ...], ...] = ((),) * len(told.laws.effects)
     return Judgement("unknown", told.laws, of_each, told.laws, against_noise=told.against_noise)
-
-
-def _may_be_drift(problem: Problem, found: Judgement) -> bool:
-    """Tell whether all that is named is slow, and on outputs."""
-    return bool(found.best.effects) and may_be_drift(problem.noise, found.best, found.alternatives)
 
 
 def _by_its_law(

@@ -270,7 +270,7 @@ def outdoes_drift(trial: Trial, best: Candidate, law: Candidate | None, alpha: f
 
 def may_be_drift(noise: Noise, best: Candidate, alternatives) -> bool:
     """Tell whether outputs are off by nothing but what may drift, or by noise that does."""
-    if not all(is_of_a_sensor(effect) for effect in best.effects):
+    if not best.effects or not all(is_of_a_sensor(effect) for effect in best.effects):
         return False
     drifts = all(noise.drifts(effect.port.index) for effect in best.effects)
     return drifts or any(is_all_drift(c) for c in (best, *chain.from_iterable(alternatives)))
