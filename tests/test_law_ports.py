@@ -189,7 +189,7 @@ def test_a_law_that_says_more_than_what_follows_no_signal_is_told_though_it_leav
     monkeypatch.setattr(diagnosis, "fitted_beside", lambda problem, fit, seen, n_jobs: (fit, seen))
     nothing = SimpleNamespace(model=SimpleNamespace(effects=()))
     shapeless = Judgement("unknown", Candidate(nothing, 10), (), law)
-    searched = Searched(SimpleNamespace(n_seen=10, simulator=None), nothing, [])
+    searched = Searched(SimpleNamespace(n_seen=10, simulator=None, noise=None), nothing, [])
     settings = SimpleNamespace(tell=lambda stage: None, n_jobs=None, alpha_nameless=0.0025)
     said, _ = diagnosis._unless_unforeseen(shapeless, 1e-4, searched, None, settings)
     assert asked == [law] * is_told

@@ -84,6 +84,7 @@ from narx_sklearn.discrepancy.stages.unnamed import (
 )
 from narx_sklearn.discrepancy.stages.varying import parameter_that_varies
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
+from narx_sklearn.physics.effects import PARAMETER
 
 LARGE = 0.02  # of the deviance for each sample: so much less is no accident of laws that are not true
 LEADERS = 3  # of what was fitted, that may be better with inputs in straight lines between samples
@@ -455,15 +456,11 @@ def _diagnosed(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setti
     problem, refitted, _ = searched
     stretches = find_stretches(problem, refitted, settings.random_state, settings.n_jobs)
     searched, found = _looked_into_parts(searched, stretches, structure, settings)
-    p_missing, varying = searched.p_value, None
-    if found is not None and not found.best.effects:  # where no name is near all else takes long
-        varying = parameter_that_varies(searched, found, structure, settings)
-    if varying is None and searched.steps and (found is None or not found.best.effects):
+    p_missing = searched.p_value
+    if searched.steps and (found is None or not found.best.effects):
         searched, found, p_missing = _unless_noise(found, searched, stretches, structure, settings)
-    if varying is None and found is not None:
-        varying = parameter_that_varies(searched, found, structure, settings)
-    if varying is not None:
-        searched, found = varying
+    if found is not None and not _varies(found):
+        searched, found = parameter_that_varies(searched, found, structure, settings) or (searched, found)
     if searched.steps:
         found, p_missing = _unless_unforeseen(found, p_missing, searched, structure, settings)
     problem, refitted, steps = searched
@@ -522,6 +519,10 @@ def _looked_into_parts(
         spans = spans_of(stretches, searched.problem)
         searched = search_in_spans(spans, stretches.p, searched, structure, settings) or searched
     found = judge(searched, structure, settings)
+    if found is not None and not found.best.effects:  # where no name is near all else takes long
+        varying = parameter_that_varies(searched, found, structure, settings)
+        if varying is not None:
+            return varying
     if found is not None:
         # what acts for half of the time bends the quieter half too, and what an integrator adds up is as loud
         # before as after, so no stretch of it need stand out
@@ -539,6 +540,11 @@ def _looked_into_parts(
         pulsating = best_pulsating(problem, refitted, curve, structure, settings, known)
         found = found._replace(unnamed=pulsating)
     return searched, found
+
+
+def _varies(found: Judgement) -> bool:
+    """Tell whether a parameter was found that depends on a signal."""
+    return any(effect.port.kind == PARAMETER for effect in found.best.effects)
 
 
 def _unless_noise(

@@ -14,7 +14,7 @@ from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.ranking import leaders
 from narx_sklearn.discrepancy.search.unnamed.by_rate import placed_by_rate
 from narx_sklearn.discrepancy.search.unnamed.memories import COEFFICIENTS, MEMORIES
-from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses, step_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.radiation import radiation_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
@@ -37,8 +37,8 @@ def best_laws(
     """Return the best law of each kind, and its best at each other port; none of a kind that nothing moves.
 
     They are fitted from the refit, and from the parameters that go with what stands ``beside`` it, and to the
-    end where they come near what is ``named``. Those with a memory, and those that switch, are all fitted at
-    first: how well the tangents tell one depends on how near to it they begin.
+    end where they come near what is ``named``. Those with a memory, and those that switch or step, are all
+    fitted at first: how well the tangents tell one depends on how near to it they begin.
     """
     simulator, run = problem.simulator, problem.run(refitted.model)
     rows = problem.rows[problem.inside]
@@ -53,9 +53,12 @@ def best_laws(
     coefficients = enumerate_hypotheses(COEFFICIENTS, problem, run, structure, n_jobs=n_jobs)
     once = {h.placed.place: h for h in coefficients}  # a state without one is its own position too
     tried = [(hypotheses, TRIED) for hypotheses in (*kinds, list(once.values()))]
-    for effects in (MEMORIES, SWITCHES):
-        hypotheses = enumerate_hypotheses(effects, problem, run, structure, n_jobs=n_jobs)
-        tried.append((hypotheses, len(hypotheses)))
+    unsure = [
+        enumerate_hypotheses(effects, problem, run, structure, n_jobs=n_jobs)
+        for effects in (MEMORIES, SWITCHES)
+    ]
+    unsure.append(step_hypotheses(simulator, structure, x))
+    tried += [(hypotheses, len(hypotheses)) for hypotheses in unsure]
     each = [_leading(problem, refitted, structure, some, n, n_jobs) for some, n in tried if some]
     each.append(placed_by_rate(simulator, run.y, problem.windows))
     found = (_best(problem, refitted, beside, placed, n_jobs, named) for placed in each if placed)

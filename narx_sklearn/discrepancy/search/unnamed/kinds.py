@@ -12,7 +12,7 @@ ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unn
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING = "unnamed_dependence"  # of a parameter
-ONE_PLACE = "unnamed_force_near_one_place"
+ONE_PLACE, STEP = "unnamed_force_near_one_place", "unnamed_force_that_steps"
 RADIATED = "unnamed_radiation"
 RIPPLED = "unnamed_gain_that_ripples"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
@@ -146,6 +146,11 @@ WORDS = {
         "a force near one place",
         "Something acts near one value of this signal and hardly elsewhere, as a detent, a magnet or "
         "a rough spot does.",
+    ),
+    STEP: Words(
+        "a force that steps at one place",
+        "Something acts from one value of this signal on and not before, as of a spring that is preloaded"
+        " either way and brings back what it holds, or of one that engages there.",
     ),
     RADIATED: Words(
         "heat that is radiated",
