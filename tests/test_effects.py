@@ -63,6 +63,7 @@ PLACES = {
     "dead_zone": "input",
     "input_saturation": "input",
     "rate_limit": "input",
+    "asymmetric_rate_limit": "input",
     "input_polynomial": "input",
     "bouc_wen_hysteresis": "input state",
     "prandtl_ishlinskii": "input state",
@@ -613,6 +614,7 @@ class TestTransforms:
             ("sensor_clip", [-1e9, 1e9]),
             ("rate_limit", [1e9, 0.0, 0.0]),
             ("rate_limit", [1e9, 0.0, 1.0]),
+            ("asymmetric_rate_limit", [1e9, 0.0, 0.0, 0.3]),
             ("input_polynomial", [0.0, 0.0, 0.3]),
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0, 0.0]),
@@ -643,6 +645,7 @@ class TestTransforms:
             ("valve_stiction", [0.6, 0.5, 0.5, 0.0]),
             ("rate_limit", [0.5, 0.0, 0.0]),
             ("rate_limit", [0.5, 0.0, 1.0]),
+            ("asymmetric_rate_limit", [0.5, 0.0, 0.0, -0.3]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0, 0.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
             ("creep", [0.5, 1.0, 1.0]),
@@ -676,6 +679,10 @@ class TestTransforms:
         np.testing.assert_allclose(ends, [0.0, 0.4, 0.8, 0.4], rtol=1e-15)
         from_rest = transformed("rate_limit", [1.0, 1.0, -1.0, -1.0], [0.4, 1.0, 0.0], dt=1.0, first=[0, 2])
         np.testing.assert_allclose(from_rest, [0.2, 0.6, -0.2, -0.6], rtol=1e-15)
+        faster_up = transformed(
+            "asymmetric_rate_limit", [0.0, 1.0, 1.0, 0.0, 0.0], [0.4, 0.0, 1.0, 0.5], dt=1.0
+        )
+        np.testing.assert_allclose(faster_up, [0.0, 0.6, 1.0, 0.8, 0.6], rtol=1e-15)
         halved = [0.5, 1 / np.log(2.0), 3.0]  # half way after a second
         drifted = transformed("gain_drift", [1.0, 1.0, 1.0], halved, dt=1.0, first=[0, 2])
         np.testing.assert_allclose(drifted, [1.0, 0.5, 1.0], rtol=1e-15)
@@ -796,17 +803,20 @@ class TestTransforms:
         np.testing.assert_allclose(begun, longer[50:], atol=0.02 * np.max(signal))
         assert np.abs(transformed(code, signal, [theta, 0.0, *form]) - longer[50:]).max() > 0.5
 
+    @pytest.mark.parametrize("more", [(), (0.4,), (-1.0,)])
     @pytest.mark.parametrize("rate", [0.0, 0.3, 1.0, 4.0])
-    def test_ramps_to_held_values_do_to_two_integrators_what_fine_steps_show(self, rate):
+    def test_ramps_to_held_values_do_to_two_integrators_what_fine_steps_show(self, rate, more):
         """A mass that a limited force pushes: its speed and its place at each sample."""
         held = np.round(2 * np.random.default_rng(3).normal(size=30))
-        mean, rise = CATALOGUE["rate_limit"].held(held, 1.0, [rate, 0.5, 0.0], [0, 11])
+        limit = CATALOGUE["asymmetric_rate_limit" if more else "rate_limit"]
+        mean, rise = limit.held(held, 1.0, [rate, 0.5, 0.0, *more], [0, 11])
         n = 2000
+        up, down = (rate / n * (1.0 + sign * sum(more)) for sign in (1.0, -1.0))
         force, fine = 0.5 * held[0], []
         for k, wanted in enumerate(held):
             force = 0.5 * wanted if k == 11 else force
             for _ in range(n):
-                before, force = force, force + np.clip(wanted - force, -rate / n, rate / n)
+                before, force = force, force + np.clip(wanted - force, -down, up)
                 fine.append(0.5 * (before + force))
         steps = np.array(fine).reshape(-1, n)
         lever = (np.arange(n) + 0.5) / n - 0.5
@@ -885,7 +895,7 @@ class TestTransforms:
             (_creep_run, (DT, 0.5, 1.0)),
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
-            (_rate_limit_run, (0.05, 0.8)),
+            (_rate_limit_run, (0.05, 0.03, 0.8)),
             (_average_run, (0.9, 0.3, 1)),
             (_average_run, (0.9, 0.3, 0)),
             (_following_run, (*SWINGING, 0.3)),

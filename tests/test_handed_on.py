@@ -249,16 +249,19 @@ def test_a_sensor_that_lags_has_it_between_samples_too():
     assert np.abs(wanted - simulator.with_effects([lag]).simulate(u)).max() > 1.0
 
 
-def test_how_fast_it_follows_may_be_limited():
+@pytest.mark.parametrize(("code", "more"), [("rate_limit", ()), ("asymmetric_rate_limit", (0.4,))])
+def test_how_fast_it_follows_may_be_limited(code, more):
+    down, up = 5.0 * (1.0 - sum(more)), 5.0 * (1.0 + sum(more))
+
     def limited(x, u, p):
         spool, speed = x[0], x[1]
-        return min(max((u[0] - spool) / p[0], -5.0), 5.0), p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
+        return min(max((u[0] - spool) / p[0], -down), up), p[1] * spool * (1.0 - 0.1 * speed) - p[2] * speed
 
     u = np.repeat(np.random.default_rng(1).uniform(-2, 2, 30), 20)
-    limits = placements(CATALOGUE["rate_limit"], make(), structure_of(make()))
-    (placed,) = (p.at([5.0, 0.0, 0.0]) for p in limits if p.is_how_it_follows)
-    assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0]]
-    assert placed.n_values == 1
+    limits = placements(CATALOGUE[code], make(), structure_of(make()))
+    (placed,) = (p.at([5.0, 0.0, 0.0, *more]) for p in limits if p.is_how_it_follows)
+    assert placed.bounds.tolist() == [[0.0, np.inf], [0.0, 0.0], [0.0, 0.0], *[[-1.0, 1.0] for _ in more]]
+    assert placed.n_values == 1 + len(more)
     with_effect = make().with_effects([placed])
     np.testing.assert_allclose(with_effect.simulate(u), make(limited).simulate(u), atol=1e-12)
     assert parameter_units(placed, make())[0] == "V/s"

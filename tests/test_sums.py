@@ -339,11 +339,11 @@ def lagging(late):
     return arrives
 
 
-def limited(rate):
+def limited(rate, more=0.0):
     at = [0.0]
 
     def arrives(asked):
-        at[0] += min(max(asked - at[0], -rate * FINE), rate * FINE)
+        at[0] += min(max(asked - at[0], -rate * (1.0 - more) * FINE), rate * (1.0 + more) * FINE)
         return at[0]
 
     return arrives
@@ -437,6 +437,7 @@ def late(code, simulator=None):
         *[(("delay", T, 0.0), dead_time(T)) for T in (0.002, 0.005, 0.01, 0.0124, 0.03)],
         (("lag", 0.03, 0.0, 0.0), lagging(0.03)),
         (("rate_limit", 250.0 / KI, 0.0, 0.0), limited(250.0)),
+        (("asymmetric_rate_limit", 400.0 / KI, 0.0, 0.0, -0.3), limited(400.0, -0.3)),
     ],
     ids=lambda case: f"{case[0]}-{case[1]:.4g}" if isinstance(case, tuple) else "",
 )
@@ -558,6 +559,12 @@ def diagnosed(put_out, tracking=0.0):
             "dead_zone", lambda v: v - min(max(v, -3.0), 3.0), {"d": 3.0 / KI}, marks=pytest.mark.long
         ),
         pytest.param("rate_limit", limited(250.0), {"r": 250.0 / KI}, marks=pytest.mark.long),
+        pytest.param(
+            "asymmetric_rate_limit",
+            limited(250.0, -0.3),
+            {"r": 250.0 / KI, "a": -0.3},
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_it_is_named_behind_the_controller(effect, put_out, told):

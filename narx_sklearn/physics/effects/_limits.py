@@ -1,5 +1,7 @@
 """Limits: of an input, of its rate, of a level, of a sensor."""
 
+from typing import Any
+
 import numpy as np
 
 from narx_sklearn.model.phi import Phi
@@ -107,8 +109,8 @@ def _levels(setting: Setting) -> np.ndarray:
 
 
 @kernel
-def _rate_limit_run(values, most, lacking):
-    """Follow values by at most ``most`` a sample; return where each step begins.
+def _rate_limit_run(values, up, down, lacking):
+    """Follow values by at most so much a sample either way; return where each step begins.
 
     At first a share of the first value is ``lacking``.
     """
@@ -116,7 +118,7 @@ def _rate_limit_run(values, most, lacking):
     at = values[0] * (1.0 - lacking)
     for k in range(values.size):
         begins[k] = at
-        at += min(max(values[k] - at, -most), most)
+        at += min(max(values[k] - at, -down), up)
     return begins
 
 
@@ -125,20 +127,29 @@ def _rate_limit_held(signal, dt, theta, first):
 
     Code limits a command before it is held: it is at once where the ramp gets to.
     """
-    most, digital = theta[0] * dt, theta[2]
-    begins = by_pieces(_rate_limit_run, signal, first, most, theta[1])
-    move = np.clip(signal - begins, -most, most)
-    ramp = np.abs(move) / most if most > 0.0 else np.zeros_like(move)  # share of the step that it takes
+    (up, down), digital = _either_way(theta, dt), theta[2]
+    begins = by_pieces(_rate_limit_run, signal, first, up, down, theta[1])
+    move = np.clip(signal - begins, -down, up)
+    most = np.where(move > 0.0, up, down)
+    ramp = np.divide(
+        np.abs(move), most, out=np.zeros_like(move), where=most > 0.0
+    )  # share of the step it takes
     lacking = (1.0 - digital) * 0.5 * ramp * move
     return begins + move - lacking, (1.0 - digital) * ramp * (3.0 - 2.0 * ramp) * move
+
+
+def _either_way(theta, dt: float = 1.0) -> tuple[float, float]:
+    """Return by how much a signal rises and falls in a time at most; the same unless parameters say more."""
+    more = theta[3] if len(theta) > 3 else 0.0
+    return theta[0] * (1.0 + more) * dt, theta[0] * (1.0 - more) * dt
 
 
 def _rate_limit_transform(signal, second, dt, theta, first):
     return _rate_limit_held(signal, dt, theta, first)[0]
 
 
-def _limited_difference(now, before, most):
-    return np.clip(now - before, -most, most)
+def _limited_difference(now, before, up, down):
+    return np.clip(now - before, -down, up)
 
 
 def _rate_limit_starts(setting: Setting) -> np.ndarray:
@@ -156,18 +167,43 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
     return telling(setting, rows, _rate_limit_transform)
 
 
+def _asymmetric_rate_limit_starts(setting: Setting) -> np.ndarray:
+    """Return every other limit, faster the one way or the other."""
+    rows = _rate_limit_starts(setting)[::2]
+    return np.vstack([np.column_stack([rows, np.full(len(rows), more)]) for more in (-0.3, 0.3)])
+
+
+@kernel
+def _kept_to(rate, up, down):
+    return min(max(rate, -down), up)
+
+
 @kernel
 def _rate_limit_following(argument, rate, own, second, time, step, z, theta, dz):
-    return min(max(own, -theta[0]), theta[0]) - own
+    return _kept_to(own, theta[0], theta[0]) - own
+
+
+@kernel
+def _asymmetric_following(argument, rate, own, second, time, step, z, theta, dz):
+    return _kept_to(own, theta[0] * (1.0 + theta[3]), theta[0] * (1.0 - theta[3])) - own
+
+
+@kernel
+def _passed_on(argument, up, down, step, z, dz):
+    """z holds what is passed, which comes to the argument where a step takes it there."""
+    behind = argument - z[0]
+    dz[0] = _kept_to(behind / step, up, down)
+    return -behind if behind > up * step or behind < -down * step else 0.0
 
 
 @kernel
 def _rate_limit_put_out(argument, rate, own, second, time, step, z, theta, dz):
-    """z holds what is passed, which comes to the argument where a step takes it there."""
-    behind = argument - z[0]
-    most = theta[0] * step
-    dz[0] = min(max(behind, -most), most) / step
-    return -behind if abs(behind) > most else 0.0
+    return _passed_on(argument, theta[0], theta[0], step, z, dz)
+
+
+@kernel
+def _asymmetric_put_out(argument, rate, own, second, time, step, z, theta, dz):
+    return _passed_on(argument, theta[0] * (1.0 + theta[3]), theta[0] * (1.0 - theta[3]), step, z, dz)
 
 
 @kernel
@@ -199,12 +235,25 @@ def _sensor_clip_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 def _rate_limit_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
-    return of_difference("limited_difference", _limited_difference, (theta[0] * dt,), argument)
+    return of_difference("limited_difference", _limited_difference, _either_way(theta, dt), argument)
 
 
 def _overflow_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
     return of_difference("above_rim", _above, theta[:1], argument)
 
+
+_AT_FIRST = "at first a share i of the command is lacking (below 0: it is more), all of it from rest at zero"
+_OF_RATE_LIMIT = EffectParameter("r", "{port}/s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)
+_RATE_LIMITED: dict[str, Any] = {
+    "begin": 1,
+    "choice": 2,
+    "transform": _rate_limit_transform,
+    "held": _rate_limit_held,
+    "output_port": False,
+    "amplitude": None,
+    "source": "Duda 1998, J. Guid. Control Dyn. 21(5)",
+    "phi": _rate_limit_phi,
+}
 
 LIMITS = (
     Effect(
@@ -235,22 +284,29 @@ LIMITS = (
         title="Rate limit",
         sentence="The drive cannot follow fast commands.",
         equation="|ds/dt| <= r where d = 0, from sample to sample alone, |s[k] - s[k-1]| <= r dt, where "
-        "d = 1; at first a share i of the command is lacking (below 0: it is more), all of it from rest at "
-        "zero",
-        parameters=(EffectParameter("r", "{port}/s", 0.0), LACKING, EffectParameter("d", "-", 0.0, 1.0)),
-        begin=1,
-        choice=2,
+        f"d = 1; {_AT_FIRST}",
+        parameters=_OF_RATE_LIMIT,
         starts=_rate_limit_starts,
-        transform=_rate_limit_transform,
-        held=_rate_limit_held,
         put_out=PutOut(_rate_limit_put_out, n_memory=1),
         following=_rate_limit_following,
-        output_port=False,
-        amplitude=None,
-        lookalikes=("lag", "delay", "input_saturation"),
+        lookalikes=("lag", "delay", "input_saturation", "asymmetric_rate_limit"),
         separate_by="equal slews at different amplitudes",
-        source="Duda 1998, J. Guid. Control Dyn. 21(5)",
-        phi=_rate_limit_phi,
+        **_RATE_LIMITED,
+    ),
+    Effect(
+        code="asymmetric_rate_limit",
+        title="Rate limit, another one each way",
+        sentence="The drive cannot follow fast commands, one way less than the other.",
+        equation="-r (1 - a) <= ds/dt <= r (1 + a) where d = 0; from sample to sample alone, s[k] - s[k-1] "
+        f"between these times dt, where d = 1; {_AT_FIRST}",
+        parameters=(*_OF_RATE_LIMIT, EffectParameter("a", "-", -1.0, 1.0)),
+        starts=_asymmetric_rate_limit_starts,
+        put_out=PutOut(_asymmetric_put_out, n_memory=1),
+        following=_asymmetric_following,
+        lookalikes=("rate_limit", "lag"),
+        holds=("rate_limit",),
+        separate_by="equal slews up and down",
+        **_RATE_LIMITED,
     ),
     Effect(
         code="overflow",
