@@ -49,6 +49,7 @@ COMPILE_USERS_FUNCTIONS = {
     Path("discrepancy/simulators/callables.py"),
     Path("discrepancy/simulators/equations.py"),
     Path("discrepancy/simulators/tables.py"),
+    Path("discrepancy/simulators/accelerations.py"),
     Path("discrepancy/simulators/varied.py"),
 }
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

@@ -226,8 +226,58 @@ def test_a_simulator_whose_parameters_nobody_reads_is_not_asked():
         inputs=["u"],
         outputs=["y"],
     )
-    assert list(parameter_placements(VARYING, black_box)) == []
-    assert len(list(parameter_placements(VARYING, make_cell()))) == 9
+    u, y = recorded(np.random.default_rng(0), n=200)
+    structure = find_structure(make_cell(), y[:, 1:], u)
+    assert list(parameter_placements(VARYING, black_box, structure)) == []
+    assert len(list(parameter_placements(VARYING, make_cell(), structure))) == 9
+
+
+def test_a_parameter_may_depend_on_how_far_neighbours_are_apart_and_how_fast_they_part():
+    simulator = suspension()
+    x = np.random.default_rng(0).normal(size=(100, 4))
+    structure = find_structure(simulator, x, np.random.default_rng(1).normal(size=(100, 1)))
+    found = [p for p in parameter_placements(VARYING, simulator, structure) if p.port.index == 0]
+    apart = {p.second_name: p.second for p in found[5:]}
+    assert len(found) == 5 + 2  # the input, the states, and of these two differences, each once
+    np.testing.assert_allclose(np.sort(list(apart.values())), [[-1.0, 0.0, 0.0, 0.0, 1.0]] * 2, atol=1e-9)
+    assert {frozenset(np.flatnonzero(way)) for way in apart.values()} == {
+        frozenset({1, 3}),
+        frozenset({2, 4}),
+    }
+
+
+def damped(closing):
+    """Return the rates of a body on a wheel, whose damper is as many times as strong while it closes."""
+
+    def quarter(x, u, p):
+        speed = x[3] - x[1]
+        soft = 0.5 * (closing - 1.0) * (1.0 + np.tanh(speed / 0.02))
+        force = p[1] * (x[2] - x[0]) + p[0] * speed * (1.0 + soft)
+        return x[1], force / 300.0, x[3], (p[2] * (u[0] - x[2]) - 200.0 * x[3] - force) / p[3]
+
+    return quarter
+
+
+def felt(x, u, p):
+    return (p[1] * (x[2] - x[0]) + p[0] * (x[3] - x[1])) / 300.0, x[2] - x[0]
+
+
+def suspension(off=1.0, closing=1.0):
+    """Return a quarter of a car, by its acceleration and travel."""
+    return ODESimulator(
+        damped(closing),
+        dt=0.005,
+        parameters={
+            "damper [N s/m]": 1400.0 * off,
+            "spring [N/m]": 20000.0 / off,
+            "tyre [N/m]": 150000.0 * off,
+            "wheel [kg]": 35.0 / off,
+        },
+        states=["body [m]", "body speed [m/s]", "wheel [m]", "wheel speed [m/s]"],
+        inputs=["road [m]"],
+        outputs=["acceleration [m/s^2]", "travel [m]"],
+        output=felt,
+    )
 
 
 def test_a_fit_finds_what_a_parameter_does_in_two_equations_at_once():

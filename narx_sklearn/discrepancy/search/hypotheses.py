@@ -56,10 +56,12 @@ def enumerate_hypotheses(
 def parameter_hypotheses(
     effects: Iterable[Effect], problem: Problem, run: Run, structure: Structure, n_jobs: int | None = None
 ) -> list[Hypothesis]:
-    """Return the hypotheses that a parameter of the simulator depends on one of its inputs or states."""
+    """Return the hypotheses that a parameter of the simulator depends on one of its signals."""
     simulator = problem.simulator
     material = _Material(simulator, problem, run, covered(problem.windows), structure)
-    places = [(placed, True) for effect in effects for placed in parameter_placements(effect, simulator)]
+    places = [
+        (placed, True) for effect in effects for placed in parameter_placements(effect, simulator, structure)
+    ]
     return _begun(places, material, n_jobs)
 
 

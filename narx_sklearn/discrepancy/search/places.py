@@ -63,25 +63,45 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     return all_of_it + _behind(effect, simulator, structure) + _in_readings(effect, simulator, structure)
 
 
-def parameter_placements(effect: Effect, simulator: Simulator) -> Iterator[PlacedEffect]:
+def parameter_placements(
+    effect: Effect, simulator: Simulator, structure: Structure
+) -> Iterator[PlacedEffect]:
     """Yield an effect at every parameter of a simulator that reads its parameters, with every signal.
 
-    An output may need the parameter to be known: it is no signal on which that could depend.
+    These are the inputs and states, and how far neighbours are apart and how fast they part. An output may
+    need the parameter to be known: it is no signal on which that could depend.
     """
     if PARAMETER not in effect.ports or not simulator.reads_parameters:
         return
-    signals = (*simulator.inputs, *simulator.states)
+    own = (*simulator.inputs, *simulator.states)
+    signals = [(weights_of(len(own), {i: 1.0}), *own[i]) for i in range(len(own))]
+    signals += [
+        ((0.0,) * len(simulator.inputs) + stretch.weights, stretch.name, stretch.unit)
+        for stretch in _apart(simulator, structure)
+    ]
     for j in np.flatnonzero(simulator.nominal != 0).tolist():
-        for i, (name, unit) in enumerate(signals):
+        for weights, name, unit in signals:
             yield PlacedEffect(
                 effect,
                 Port(PARAMETER, j),
-                second=weights_of(len(signals), {i: 1.0}),
+                second=weights,
                 argument_name=name,
                 argument_unit=unit,
                 second_name=name,
                 second_unit=unit,
             )
+
+
+def _apart(simulator: Simulator, structure: Structure) -> list[Argument]:
+    """Return how far neighbours are apart and how fast they part, each once, from one of the two."""
+    found: list[Argument] = []
+    for i in np.flatnonzero(~structure.kinematic).tolist():
+        for argument in moving(i, simulator, structure):
+            way = np.array(argument.weights)
+            known = any(np.linalg.matrix_rank([way, other.weights]) < 2 for other in found)
+            if np.count_nonzero(way) > 1 and not known:
+                found.append(argument)
+    return found
 
 
 def _in_readings(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:

@@ -1,13 +1,19 @@
 """A simulation written as ordinary differential equations in Python."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
 from narx_sklearn._validation import check_choice
+from narx_sklearn.discrepancy.simulators.accelerations import (
+    Acceleration,
+    find_accelerations,
+    with_accelerations,
+)
 from narx_sklearn.discrepancy.simulators.equations import compiled, picker, takes_rates
 from narx_sklearn.discrepancy.simulators.linearise import Linearisation, linearise, steady_state, steps
 from narx_sklearn.discrepancy.simulators.read_back import states_read
@@ -46,7 +52,8 @@ class ODESimulator(Simulator):
     output : sequence of int or callable, optional
         Indices of the states that are measured, or ``h(x, u, p)``. By default the states named as the
         outputs are, or else the first ones. What an accelerometer sees is ``h(x, u, p, rates)``: rates are
-        dx/dt as they are, with all forces that were not in the simulation.
+        dx/dt as they are, with all forces that were not in the simulation. An output that repeats the
+        rate of a speed, times a constant, is taken for one.
     substeps : int, default=1
         Integration steps in one sampling period. Where dry friction brings a motion to rest, or turns it
         about, a step is parted further, and what the equations have as a sign, an ``if`` or a steep tanh of
@@ -114,8 +121,10 @@ class ODESimulator(Simulator):
         self.substeps = int(substeps)
         self.hold_is_told = hold is not None
         self.linear_hold = self.hold_is_told and check_choice(hold, "hold", ("zero", "linear")) == "linear"
-        self.sees_rates = callable(self.output) and takes_rates(self.output)
-        self._try_out()
+        takes = callable(self.output) and takes_rates(self.output)
+        self._try_out(takes)
+        self._felt: tuple[Acceleration, ...] = () if takes else self._find_accelerations()
+        self.sees_rates = takes or bool(self._felt)
         self._found: Switches = self._find_switches()
 
     def _read_output(self, output, labels):
@@ -148,25 +157,37 @@ class ODESimulator(Simulator):
         check_distinct([signal.name for signal in signals], "outputs")
         return output, signals
 
-    def _try_out(self) -> None:
+    def _try_out(self, takes: bool) -> None:
         """Call the user's functions once, so that mistakes show here and not in a run."""
         _try(self.function, self, len(self.states), "function", "rates, one for each state")
         if callable(self.output):
             wanted = "values, one for each output"
-            _try(self.output, self, len(self.outputs), "output", wanted, with_rates=self.sees_rates)
+            _try(self.output, self, len(self.outputs), "output", wanted, with_rates=takes)
+
+    def _find_accelerations(self) -> tuple[Acceleration, ...]:
+        if not callable(self.output):
+            return ()
+        sizes = len(self.states), len(self.inputs), len(self.outputs)
+        with _far_away():
+            return find_accelerations(self._rates, self._read, sizes, self._about)
 
     def _find_switches(self) -> Switches:
-        p = np.where(self.nominal == 0, np.clip(1.0, *self.bounds.T), self.nominal)
-        n = len(self.states)
+        p, units = self._about, [state.unit for state in self.states]
+        with _far_away():
+            return find_switches(
+                lambda x, u: self._rates(x, u, p.copy()), len(self.inputs), units, self.dt / self.substeps
+            )
 
-        def rates(x, u):
-            values = self.function(x, u, p.copy())
-            return np.asarray(values, dtype=float).reshape(n)
+    @property
+    def _about(self) -> np.ndarray:
+        """What parameters may be, none of them nothing."""
+        return np.where(self.nominal == 0, np.clip(1.0, *self.bounds.T), self.nominal)
 
-        units = [state.unit for state in self.states]
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # far from where the machine goes
-            return find_switches(rates, len(self.inputs), units, self.dt / self.substeps)
+    def _rates(self, x, u, p) -> np.ndarray:
+        return np.asarray(self.function(x, u, p), dtype=float).reshape(len(self.states))
+
+    def _read(self, x, u, p) -> np.ndarray:
+        return np.asarray(self.output(x, u, p), dtype=float).reshape(len(self.outputs))
 
     @property
     def switches(self) -> Switches:
@@ -175,6 +196,8 @@ class ODESimulator(Simulator):
     def _equations(self):
         equation = compiled(self.function, len(self.states))
         output = compiled(self.output, len(self.outputs)) if callable(self.output) else picker(self.output)
+        if self._felt:
+            output = with_accelerations(output, self._felt, len(self.states))
         return equation, output
 
     @property
@@ -283,6 +306,14 @@ class ODESimulator(Simulator):
     def __repr__(self) -> str:
         called = getattr(self.function, "__name__", type(self.function).__name__)
         return describe(self, f"ODESimulator of {called}, dt={self.dt:g} s")
+
+
+@contextmanager
+def _far_away() -> Iterator[None]:
+    """Say nothing of what equations do where the machine does not go."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
 
 
 def describe(simulator: Simulator, head: str) -> str:

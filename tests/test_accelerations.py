@@ -1,0 +1,98 @@
+"""Outputs that repeat the rate of a speed feel forces that are not simulated; flows and others do not."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.simulators.accelerations import Acceleration
+from narx_sklearn.physics.effects import CATALOGUE
+
+DT, GRAVITY = 0.01, 9.81
+
+
+def axis(x, u, p):
+    return x[1], p[0] * u[0] - p[1] * x[1] - p[2] * x[0]
+
+
+def copied(x, u, p):
+    return x[0], (p[0] * u[0] - p[1] * x[1] - p[2] * x[0]) / GRAVITY
+
+
+def read(x, u, p, rates):
+    return x[0], rates[1] / GRAVITY
+
+
+def make(output=copied, equations=axis, off=1.0, outputs=("position [m]", "acceleration [g]")):
+    return ODESimulator(
+        equations,
+        dt=DT,
+        parameters={"drive": 10.0 * off, "damping": 2.0 / off, "spring": 30.0 * off},
+        states=["position [m]", "velocity [m/s]"],
+        inputs=["force [N]"],
+        outputs=list(outputs),
+        output=output,
+    )
+
+
+def friction(size):
+    return PlacedEffect(CATALOGUE["coulomb_friction"], Port("state", 1), (0.0, 1.0), theta=(size,))
+
+
+def pushed(rng, n=600):
+    return np.repeat(rng.uniform(-4.0, 4.0, n // 20), 20)[:, None]
+
+
+def test_a_copied_rate_is_what_the_accelerometer_reads():
+    assert make()._felt == (Acceleration(1, 1, pytest.approx(1.0 / GRAVITY)),)
+    u = pushed(np.random.default_rng(0))
+    given = make(read)
+    assert given._felt == ()
+    for effects in ([], [friction(3.0)]):
+        by_copy, by_rate = (s.with_effects(effects).simulate(u) for s in (make(), given))
+        np.testing.assert_allclose(by_copy, by_rate, rtol=1e-12, atol=1e-12)
+
+
+def test_it_goes_through_pickle():
+    u = pushed(np.random.default_rng(0))
+    simulator = make().with_effects([friction(3.0)])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(simulator)).simulate(u), simulator.simulate(u))
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        lambda x, u, p: (x[0], p[0] * u[0] - p[1] * x[1]),  # a part of it
+        lambda x, u, p: (x[0], p[0] * (p[0] * u[0] - p[1] * x[1] - p[2] * x[0])),  # a force, by a parameter
+        lambda x, u, p: (x[0], x[1]),
+        lambda x, u, p: (x[0], np.sqrt(x[0] - 100.0)),
+        lambda x, u, p: (x[0], 0.0),
+    ],
+)
+def test_what_is_no_rate_times_a_constant_stays_as_it_is(output):
+    assert make(output)._felt == ()
+    assert not make(output).sees_rates
+
+
+def test_a_flow_is_none():
+    """It may be one of several into its store, and a leak is none of a meter's."""
+
+    def stores(x, u, p):
+        return p[0] * u[0] - p[1] * x[0], p[1] * x[0] - p[2] * x[1]
+
+    flow = make(lambda x, u, p: (x[0], p[1] * x[0] - p[2] * x[1]), stores)
+    assert flow._felt == ()
+
+
+def test_friction_is_named_by_an_accelerometer_whose_equation_was_copied():
+    rng = np.random.default_rng(1)
+    u = pushed(rng, 3000)
+    y = make(read).with_effects([friction(3.0)]).simulate(u)
+    y += [0.005, 0.02] * rng.normal(size=y.shape)
+    effects = ["coulomb_friction", "quadratic_drag", "cubic_stiffness", "backlash"]
+    dx = DiscrepancyRegressor(make(off=1.1), effects=effects, random_state=0).fit(u, y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.effect, finding.port) == ("explained", "coulomb_friction", "state:1")
+    assert finding.parameters["Fc"] == pytest.approx(3.0, rel=0.05)
