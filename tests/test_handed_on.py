@@ -267,6 +267,31 @@ def test_how_fast_it_follows_may_be_limited(code, more):
     assert parameter_units(placed, make())[0] == "V/s"
 
 
+@pytest.mark.parametrize(
+    ("equation", "is_paced"),
+    [
+        (lambda x, u, p: (x[1], (min(max(p[2] * (u[0] - x[0]), -9.0), 9.0) - x[1]) / p[0]), True),
+        (lambda x, u, p: (x[1], p[0] * (p[1] * (u[0] - x[0]) - x[1])), True),
+        (lambda x, u, p: (x[1], (p[2] * (u[0] - x[0]) - p[1] * x[1]) / p[0]), False),  # by an inertia
+        (lambda x, u, p: (x[1], (u[0] - x[0]) / p[0] - x[1]), False),
+    ],
+)
+def test_what_a_controller_drives_may_be_limited_in_how_fast_it_follows(equation, is_paced):
+    """A gate's or a brake's: (g - x)/T or w (g - x), whatever g is."""
+    servo = ODESimulator(
+        equation,
+        dt=DT,
+        parameters={"T": 0.2, "b": 3.0, "kp": 4.0},
+        states=["position [m]", "speed [m/s]"],
+        inputs=["reference [m]"],
+    )
+    rng = np.random.default_rng(0)
+    found = find_structure(servo, rng.normal(size=(50, 2)), rng.normal(size=(50, 1)))
+    assert found.paced.tolist() == [False, is_paced]
+    limits = [p for p in placements(CATALOGUE["rate_limit"], servo, found) if p.is_how_it_follows]
+    assert [str(p.port) for p in limits] == ["state:1"] * is_paced
+
+
 def test_an_effect_of_ones_own_may_act_there():
     def half(argument, rate, own, second, time, step, z, theta, dz):
         return -theta[0] * argument

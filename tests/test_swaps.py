@@ -156,6 +156,12 @@ class TestWhatNobodyTriedYet:
         assert codes(found) == [["coulomb_friction"]]  # a drag is no look-alike
         assert found[0].fit.cost == pytest.approx(best.fit.cost, rel=0.01)
 
+    def test_a_member_is_tried_elsewhere_too(self, problem):
+        best = fitted(problem, COULOMB)
+        there = hypothesis(at_velocity("coulomb_friction", 0.05, index=0))
+        (found,) = untried(problem, best, [best], [there])
+        assert [(str(e.port), e.effect.code) for e in found.effects] == [("state:0", "coulomb_friction")]
+
     def test_what_holds_one_that_comes_near_is_tried_after_it(self, problem):
         best = fitted(problem, self.asymmetric)
         stribeck = hypothesis(at_velocity("stribeck_friction", 0.1, 1.2, 0.1, 2.0))

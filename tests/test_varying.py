@@ -258,8 +258,8 @@ def damped(closing):
     return quarter
 
 
-def felt(x, u, p):
-    return (p[1] * (x[2] - x[0]) + p[0] * (x[3] - x[1])) / 300.0, x[2] - x[0]
+def felt(x, u, p, rates):
+    return rates[1], x[2] - x[0]
 
 
 def suspension(off=1.0, closing=1.0):
@@ -278,6 +278,22 @@ def suspension(off=1.0, closing=1.0):
         outputs=["acceleration [m/s^2]", "travel [m]"],
         output=felt,
     )
+
+
+@pytest.mark.long
+def test_a_damper_that_is_softer_while_it_closes_is_one_that_depends_on_how_fast_it_does():
+    rng = np.random.default_rng(0)
+    u = 0.02 * np.convolve(rng.normal(size=3000), np.ones(8) / 8, "same")[:, None]
+    y = suspension(closing=0.7).simulate(u)
+    y += 0.01 * y.std(axis=0) * rng.normal(size=y.shape)
+    dx = DiscrepancyRegressor(suspension(1.05), random_state=0).fit(u, y)
+    best = dx.conclusion_.diagnosis.best.effects[0]
+    assert (dx.verdict_, str(best.port)) == ("unknown", "parameter:0")
+    knots, heights = line_of(best)
+    away = np.abs(knots) > 0.2
+    softer = np.sign(best.second[-1]) * knots > 0
+    assert heights[away & softer].mean() == pytest.approx(0.7 * heights[away & ~softer].mean(), rel=0.05)
+    assert dx.scores_["nrmse"]["augmented"] < 0.3 * dx.scores_["nrmse"]["refitted"]
 
 
 def test_a_fit_finds_what_a_parameter_does_in_two_equations_at_once():

@@ -52,7 +52,7 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
             if simulator.discrete and effect.argument == "own" and effect.met_on in OF_MOTION:
                 places += _on_the_move(effect, i, simulator, structure)
     if effect.following is not None:
-        for i in np.flatnonzero(structure.follows).tolist():
+        for i in np.flatnonzero(structure.follows | structure.paced).tolist():
             places.append(at_state(effect, i, simulator))
     all_of_it = [
         replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
@@ -98,7 +98,7 @@ def _apart(simulator: Simulator, structure: Structure) -> list[Argument]:
     for i in np.flatnonzero(~structure.kinematic).tolist():
         for argument in moving(i, simulator, structure):
             way = np.array(argument.weights)
-            known = any(np.linalg.matrix_rank([way, other.weights]) < 2 for other in found)
+            known = any(np.linalg.matrix_rank(np.array([way, other.weights])) < 2 for other in found)
             if np.count_nonzero(way) > 1 and not known:
                 found.append(argument)
     return found

@@ -41,6 +41,7 @@ class Structure(NamedTuple):
     varies: np.ndarray  # (n_states, n_inputs) bool: that depends on the states, as where an inertia does
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
+    paced: np.ndarray  # (n_states,) bool: goes where others say, as fast as a parameter of its own says
     controllers: tuple[Sum, ...] = ()  # what those among the equations put out
     couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
     errors: tuple[Sum, ...] = ()  # what controllers without an integral put out
@@ -113,7 +114,7 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     u_size = np.maximum(np.nanstd(u, axis=0), 1e-6 * np.maximum(np.nanmax(np.abs(u), axis=0), 1e-6))
     p = simulator.nominal
     p_size = np.where(p != 0, np.abs(p), 1.0)
-    Jx, Ju, Jp, elsewhere, Jy = [], [], [], [], []
+    f, Jx, Ju, Jp, elsewhere, Jy = [], [], [], [], [], []
     for k, other in zip(points, np.roll(points, 1), strict=True):
         at_x, at_u = simulator.switches.clear_of(x[k], STEP * x_size), u[k]
 
@@ -124,12 +125,13 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
             return evaluate(simulator, signals[at_u.size :], signals[: at_u.size])[1]
 
         size = np.concatenate([u_size, x_size])
+        f.append(rates())
         Jy.append(central_differences(outputs, np.concatenate([at_u, at_x]), STEP * size) * size)
         Jx.append(central_differences(lambda v, rates=rates: rates(x=v), at_x, STEP * x_size))
         Ju.append(central_differences(lambda v, rates=rates: rates(u=v), at_u, STEP * u_size))
         Jp.append(central_differences(lambda v, rates=rates: rates(p=v), p, STEP * p_size))
         elsewhere.append(central_differences(lambda v, rates=rates: rates(u=v), u[other], STEP * u_size))
-    Jx, Ju, Jp, elsewhere, Jy = (np.nan_to_num(np.array(J)) for J in (Jx, Ju, Jp, elsewhere, Jy))
+    f, Jx, Ju, Jp, elsewhere, Jy = (np.nan_to_num(np.array(J)) for J in (f, Jx, Ju, Jp, elsewhere, Jy))
     weight = np.abs(Jx) * x_size
     largest = np.concatenate([weight, np.abs(Ju) * u_size], axis=2).max(axis=(0, 2), initial=0.0)
     depends = weight.max(axis=0, initial=0.0) > ALIKE * np.maximum(largest, 1e-300)[:, None]
@@ -168,7 +170,7 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
     none = np.zeros(n, dtype=bool)
     found = Structure(
-        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, none
+        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, none, none
     )
     if simulator.discrete or not points.size:
         return found
@@ -176,7 +178,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     follows = none.copy()
     follows[alone] = _rests_where_told(simulator, x[points], u[points], np.flatnonzero(alone))
     probed = Probed(at_x, at_u, STEP * x_size, STEP * u_size)
-    return _with_sums(found._replace(follows=follows, probed=probed), Jx, Ju)
+    paced = _are_paced(f, Jx, Jp, p) & ~kinematic
+    return _with_sums(found._replace(follows=follows, paced=paced, probed=probed), Jx, Ju)
 
 
 def _with_sums(found: Structure, of_states: np.ndarray, of_inputs: np.ndarray) -> Structure:
@@ -250,6 +253,23 @@ def _rests_where_told(simulator: Simulator, x: np.ndarray, u: np.ndarray, states
             for other in p + np.diag(np.where(p == 0, 1.0, MOVED * p)):
                 told &= np.abs(rests(other) - here) <= STEP * (np.abs(here) + np.abs(at_x[states]))
     return told
+
+
+def _are_paced(f: np.ndarray, of_states: np.ndarray, of_parameters: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Tell which states go where others say, ``(g - x)/T`` or ``w (g - x)``, whatever g is.
+
+    Rates ``f`` (n_points, n_states) and their slopes by states and by parameters. What is in proportion to an
+    inertia or a capacity, and held back by something else, is no such state.
+    """
+    own = np.diagonal(of_states, axis1=1, axis2=2)[:, :, None]
+    by_pace = p * of_parameters  # (n_points, n_states, n_parameters)
+    size = np.abs(f).max(axis=0)[:, None]
+    found = np.zeros((f.shape[1], p.size), dtype=bool)
+    for pace, way in ((-1.0 / np.where(p == 0, np.inf, p), -1.0), (-p, 1.0)):
+        is_own = np.abs(own - pace).max(axis=0) <= STEP * np.abs(pace)
+        is_all = np.abs(by_pace - way * f[:, :, None]).max(axis=0) <= STEP * size
+        found |= is_own & is_all & (size > 0) & (p != 0)
+    return np.any(found, axis=1)
 
 
 def _is_relative(i: int, sources: np.ndarray, of_states, of_inputs, simulator: Simulator) -> bool:

@@ -125,8 +125,8 @@ def untried(
 
     What leads is told about the simulator without effects, whose parameters may have gone far to make up for
     what is missing: there the friction of a stem that follows a pressure does next to nothing. Those that the
-    catalogue calls a member's look-alikes begin from the set's own; and where they come near, what holds them
-    as a special case.
+    catalogue calls a member's look-alikes begin from the set's own, and so does the member itself elsewhere;
+    and where they come near, what holds them as a special case.
     """
     known = {frozenset(c.places) for c in (best, *pool)}
     found = []
@@ -138,7 +138,7 @@ def untried(
             for h in hypotheses
             if _may_replace(h, best, kept) and frozenset({h.placed.place, *there}) not in known
         ]
-        beside, names = None, set(member.effect.lookalikes)
+        beside, names = None, {member.effect.code, *member.effect.lookalikes}
         for _ in range(2):
             rivals = [h for h in others if h.placed.effect.code in names]
             if not rivals:

@@ -124,8 +124,8 @@ class Effect:
         For the output of a controller among the equations alone: what is only late there is the same before
         an actuator. How the effect is built has no meaning there.
     following : callable, optional
-        For the equation of such a state itself, like ``force``: how it follows. Where a memory begins and how
-        the effect is built have no meaning there.
+        For the equation of such a state itself, or of one that follows others in the same way, like
+        ``force``: how it follows. Where a memory begins and how the effect is built have no meaning there.
     factor : callable, optional
         For a parameter of the simulator: ``factor(second, theta) -> float``, by which it is multiplied
         wherever it stands in the equations and outputs; compiled by numba.
