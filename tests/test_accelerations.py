@@ -86,6 +86,18 @@ def test_a_flow_is_none():
     assert flow._felt == ()
 
 
+def test_what_looks_like_a_rate_by_chance_is_none():
+    """How far the spring of a body of mass and stiffness one is drawn, and what pulls at it."""
+
+    def drawn(x, u, p):
+        return x[1], u[0] - x[0]
+
+    assert make(lambda x, u, p: (x[0], u[0] - x[0]), drawn)._felt == ()
+    as_force = make(outputs=("position [m]", "force [N]"))
+    assert as_force._felt == ()
+    assert make(outputs=("position", "felt"))._felt
+
+
 def test_friction_is_named_by_an_accelerometer_whose_equation_was_copied():
     rng = np.random.default_rng(1)
     u = pushed(rng, 3000)

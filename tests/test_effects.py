@@ -205,7 +205,8 @@ class TestEntries:
     def test_starting_values_are_few_finite_and_physical(self, effect, ordinary, level):
         starts = starts_of(effect, ordinary, level)
         # thresholds, wave numbers, frequencies, stops: valleys side by side
-        most = {"valve_stiction": 24, "cogging": 60, "extra_mode": 20, "clearance": 10}
+        most = {"valve_stiction": 24, "cogging": 60, "extra_mode": 20, "clearance": 10, "rate_limit": 9}
+        most["asymmetric_rate_limit"] = 10
         assert 1 <= len(starts) <= most.get(effect.code, 8)
         assert starts.shape[1] == len(effect.parameters)
         for parameter, column in zip(effect.parameters, starts.T, strict=True):
@@ -1368,6 +1369,13 @@ class TestStarts:
         residual = 0.05 * np.round(signal / 0.05) - signal + noise
         found, _ = CATALOGUE["quantisation"].scan(setting_of(signal), residual)
         assert np.min(np.abs(found[:, 0] - 0.05)) < 1e-4
+
+    def test_no_limit_is_told_by_what_lies_between_two_sessions(self):
+        signal = np.concatenate([np.sin(np.arange(200.0) / 20), 100.0 + np.sin(np.arange(200.0) / 20)])
+        limits = CATALOGUE["rate_limit"].starts(setting_of(signal, first=[0, 200]))[:, 0]
+        fastest = 1.0 / 20 / DT
+        assert np.any((0.8 * fastest < limits) & (limits < fastest))
+        assert limits.max() < 10 * fastest
 
     def test_a_limit_that_acts_within_one_sample_is_among_the_starts(self):
         signal = wideband()

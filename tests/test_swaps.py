@@ -20,7 +20,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import reordered
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.discrepancy.stages import coloured_search
-from narx_sklearn.discrepancy.stages.swaps import special_cases, swaps, untried
+from narx_sklearn.discrepancy.stages.swaps import as_one_law, special_cases, swaps, untried
 from narx_sklearn.physics.effects import CATALOGUE
 
 
@@ -144,6 +144,21 @@ def test_few_are_tried(problem, monkeypatch):
     everything = swaps(problem, best, [best], alike)
     monkeypatch.setattr("narx_sklearn.discrepancy.stages.swaps.SWAPS", 1)
     assert len(swaps(problem, best, [best], alike)) == 1 < len(everything)
+
+
+def test_a_load_beside_what_is_the_same_both_ways_may_be_what_is_not(problem):
+    """Friction and a load are as well a friction that is stronger one way."""
+    best = fitted(problem, COULOMB, LOAD)
+    uneven = Hypothesis.untuned(
+        at_velocity("asymmetric_friction", 0.1, 0.3), np.array([[0.1, -0.3], [0.1, 0.3]])
+    )
+    (found,) = as_one_law(problem, best, [uneven, *RIVALS])
+    (friction,) = found.effects
+    assert friction.effect.code == "asymmetric_friction"
+    alone = fitted(problem, COULOMB)
+    assert found.fit.cost <= alone.fit.cost
+    assert friction.theta[0] == pytest.approx(best.effects[0].theta[0], rel=0.2)
+    assert as_one_law(problem, alone, [uneven]) == []
 
 
 class TestWhatNobodyTriedYet:

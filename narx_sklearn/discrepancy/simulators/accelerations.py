@@ -32,7 +32,8 @@ def find_accelerations(
 ) -> tuple[Acceleration, ...]:
     """Return the outputs that are a constant times the rate of a state, which another state integrates.
 
-    What only flows is no speed: where nothing is its integral, an output may be one of several flows.
+    What only flows is no speed: where nothing is its integral, an output may be one of several flows. And
+    what no parameter moves may be like a rate by chance: how far a spring is drawn of a body of mass one.
 
     Parameters
     ----------
@@ -47,18 +48,20 @@ def find_accelerations(
     rng = np.random.default_rng(0)
     x, u = rng.normal(size=(POINTS, n_states)), rng.normal(size=(POINTS, n_inputs))
     others = p * rng.uniform(1.0 - MOVED, 1.0 + MOVED, size=(POINTS, p.size))
-    f, h = np.full((POINTS, n_states), np.nan), np.full((POINTS, n_outputs), np.nan)
+    f, h, before = (np.full((POINTS, n), np.nan) for n in (n_states, n_outputs, n_outputs))
     for k in range(POINTS):
         try:
             f[k], h[k] = rates(x[k], u[k], others[k].copy()), outputs(x[k], u[k], others[k].copy())
+            before[k] = outputs(x[k], u[k], p.copy())
         except Exception:  # where a machine never goes, anything may happen
             continue
     good = np.isfinite(f).all(axis=1) & np.isfinite(h).all(axis=1)
     if good.sum() < ENOUGH:
         return ()
     f, h, x = f[good], h[good], x[good]
+    moved = np.flatnonzero(np.any(h != before[good], axis=0)).tolist()
     speeds = [j for j in range(n_states) if any(_factor(f[:, i], x[:, j]) for i in range(n_states) if i != j)]
-    found = ((i, j, _factor(h[:, i], f[:, j])) for i in range(n_outputs) for j in speeds)
+    found = ((i, j, _factor(h[:, i], f[:, j])) for i in moved for j in speeds)
     return tuple(Acceleration(i, j, factor) for i, j, factor in found if factor)
 
 

@@ -20,11 +20,13 @@ from narx_sklearn.discrepancy.simulators.read_back import states_read
 from narx_sklearn.discrepancy.simulators.simulator import Parameter, Signal, Simulator
 from narx_sklearn.discrepancy.simulators.switches import Switches, find_switches
 from narx_sklearn.exceptions import NarxWarning
+from narx_sklearn.model.units import may_be_alike
 
 STABLE = 2.78  # |eigenvalue| times step at which a Runge-Kutta step of order four loses stability
 SETTLED = 1.5  # of it, at which a step is about right too
 SHOWN = 8  # signals named in a representation
 PASSING = 3  # of them may be stiff in passing
+GRAVITY = "g"  # the unit of many accelerometers
 LOOKED_AT = 16  # samples of a run at which eigenvalues are taken
 
 
@@ -169,7 +171,13 @@ class ODESimulator(Simulator):
             return ()
         sizes = len(self.states), len(self.inputs), len(self.outputs)
         with _far_away():
-            return find_accelerations(self._rates, self._read, sizes, self._about)
+            found = find_accelerations(self._rates, self._read, sizes, self._about)
+        units = ((one, self.states[one.state].unit, self.outputs[one.output].unit) for one in found)
+        return tuple(
+            one
+            for one, speed, felt in units
+            if not speed or felt == GRAVITY or may_be_alike(f"{speed}/s", felt)
+        )
 
     def _find_switches(self) -> Switches:
         p, units = self._about, [state.unit for state in self.states]

@@ -19,7 +19,7 @@ from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import Searched
 from narx_sklearn.discrepancy.stages.fading import with_what_fades
 from narx_sklearn.discrepancy.stages.forms import FORM, along, taken_by_forms
-from narx_sklearn.discrepancy.stages.swaps import exchanges, special_cases, swaps, untried
+from narx_sklearn.discrepancy.stages.swaps import as_one_law, exchanges, special_cases, swaps, untried
 
 EXCHANGES = 2  # members of a set that may be exchanged
 
@@ -139,6 +139,7 @@ def _likeliest_set(
         if best.places not in swapped:
             swapped.append(best.places)
             others += special_cases(problem, best, hypotheses) + reordered(problem, [best])
+            others += as_one_law(problem, best, hypotheses)
             others += swaps(problem, best, [*pool, *others], hypotheses, n_jobs)
             others += untried(problem, best, [*pool, *others], hypotheses, n_jobs)
         if not others:

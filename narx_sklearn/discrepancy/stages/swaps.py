@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -71,6 +72,38 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
             effects = tuple(e for e in changed if e is one or e.place != one.place)
             model = best.fit.model._replace(effects=effects)
             found.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
+    return found
+
+
+def as_one_law(problem: Problem, best: Candidate, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return a set refitted with one effect for two of its members that act at one port.
+
+    It holds the one as a special case, from whose parameters it begins, and looks like the other: a load
+    beside what is the same both ways is as well what is not.
+    """
+    found = []
+    for one, other in permutations(best.effects, 2):
+        if one.port != other.port or one.during != other.during:
+            continue
+        given = {(p.name, p.unit): value for p, value in zip(one.effect.parameters, one.theta, strict=False)}
+        kept = tuple(effect for effect in best.effects if effect is not one and effect is not other)
+        for h in hypotheses:
+            general = h.placed.effect
+            stands_for = one.effect.code in general.holds and other.effect.code in general.lookalikes
+            in_its_place = replace(one, effect=general)
+            if not (stands_for and h.asked and h.placed.place == in_its_place.place):
+                continue
+            names = [(p.name, p.unit) for p in general.parameters]
+            rest = one.theta[len(one.effect.parameters) :]
+            begun = {
+                (*(given.get(name, float(value)) for name, value in zip(names, start, strict=False)), *rest)
+                for start in h.starts
+            }
+            models = [
+                best.fit.model._replace(effects=(*kept, in_its_place.at(theta))) for theta in sorted(begun)
+            ]
+            fits = [fit(problem, model, iterations=FINE) for model in models]
+            found.append(Candidate(min(fits, key=lambda f: f.cost), best.n_samples))
     return found
 
 

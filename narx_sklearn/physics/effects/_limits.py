@@ -16,6 +16,7 @@ NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the 
 BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
 FELT = 0.01  # share of a first command that is lacking: of what is caught up in no time nothing has a slope
+ONE_WAY = 0.3  # by which a limit is tighter one way, and looser the other
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
 
@@ -154,13 +155,15 @@ def _limited_difference(now, before, up, down):
 
 def _rate_limit_starts(setting: Setting) -> np.ndarray:
     moves = np.abs(np.diff(setting.argument)) / setting.dt
-    moves = moves[np.isfinite(moves)]
+    moves[setting.first[1:] - 1] = np.nan  # from one session to the next nothing moves
     moves = moves[moves > 0]
     if moves.size == 0:
         return np.empty((0, 3))
     # steps show a limit as ramps of some samples, or within one; a smooth record near its fastest slopes
     limits = np.unique(
-        np.concatenate([np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 2.0, 8.0]) * moves.max()])
+        np.concatenate(
+            [np.quantile(moves, [0.5, 0.75, 0.95]), np.array([0.05, 0.3, 0.9, 2.0, 8.0]) * moves.max()]
+        )
     )
     # code that seldom limits leaves all other moves alone, which parts do not
     rows = np.vstack([grid(limits, [FELT], [0.0]), [0.9 * moves.max(), FELT, 1.0]])
@@ -168,9 +171,10 @@ def _rate_limit_starts(setting: Setting) -> np.ndarray:
 
 
 def _asymmetric_rate_limit_starts(setting: Setting) -> np.ndarray:
-    """Return every other limit, faster the one way or the other."""
-    rows = _rate_limit_starts(setting)[::2]
-    return np.vstack([np.column_stack([rows, np.full(len(rows), more)]) for more in (-0.3, 0.3)])
+    """Return every other limit, of one way alone at first: the other way it is higher."""
+    rows = _rate_limit_starts(setting)[1::2]
+    rows[:, 0] /= 1.0 - ONE_WAY
+    return np.vstack([np.column_stack([rows, np.full(len(rows), more)]) for more in (-ONE_WAY, ONE_WAY)])
 
 
 @kernel
@@ -303,7 +307,7 @@ LIMITS = (
         starts=_asymmetric_rate_limit_starts,
         put_out=PutOut(_asymmetric_put_out, n_memory=1),
         following=_asymmetric_following,
-        lookalikes=("rate_limit", "lag"),
+        lookalikes=("rate_limit", "lag", "constant_load"),
         holds=("rate_limit",),
         separate_by="equal slews up and down",
         **_RATE_LIMITED,
