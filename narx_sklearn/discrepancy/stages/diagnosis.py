@@ -84,7 +84,6 @@ from narx_sklearn.discrepancy.stages.unnamed import (
 )
 from narx_sklearn.discrepancy.stages.varying import parameter_that_varies
 from narx_sklearn.discrepancy.surrogates.twin import TwinSimulator
-from narx_sklearn.physics.effects import PARAMETER
 
 LARGE = 0.02  # of the deviance for each sample: so much less is no accident of laws that are not true
 LEADERS = 3  # of what was fitted, that may be better with inputs in straight lines between samples
@@ -544,7 +543,7 @@ def _looked_into_parts(
 
 def _varies(found: Judgement) -> bool:
     """Tell whether a parameter was found that depends on a signal."""
-    return any(effect.port.kind == PARAMETER for effect in found.best.effects)
+    return any(effect.port.is_parameter for effect in found.best.effects)
 
 
 def _unless_noise(
