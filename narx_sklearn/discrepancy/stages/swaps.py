@@ -57,7 +57,7 @@ def special_cases(problem: Problem, best: Candidate, hypotheses: Sequence[Hypoth
     found = []
     for member in best.effects:
         general, n = member.effect, len(member.effect.parameters)
-        given = {(p.name, p.unit): value for p, value in zip(general.parameters, member.theta, strict=False)}
+        given = _values_by_name(member)
         for special in (asked[code] for code in general.holds if code in asked):
             names = [(p.name, p.unit) for p in special.parameters]
             begun = ordinary.get(replace(member, effect=special).always().place, ())
@@ -85,7 +85,7 @@ def as_one_law(problem: Problem, best: Candidate, hypotheses: Sequence[Hypothesi
     for one, other in permutations(best.effects, 2):
         if one.port != other.port or one.during != other.during:
             continue
-        given = {(p.name, p.unit): value for p, value in zip(one.effect.parameters, one.theta, strict=False)}
+        given = _values_by_name(one)
         kept = tuple(effect for effect in best.effects if effect is not one and effect is not other)
         for h in hypotheses:
             general = h.placed.effect
@@ -105,6 +105,12 @@ def as_one_law(problem: Problem, best: Candidate, hypotheses: Sequence[Hypothesi
             fits = [fit(problem, model, iterations=FINE) for model in models]
             found.append(Candidate(min(fits, key=lambda f: f.cost), best.n_samples))
     return found
+
+
+def _values_by_name(placed: PlacedEffect) -> dict[tuple[str, str], float]:
+    """Return the values of an effect's parameters by their names and units."""
+    own = zip(placed.effect.parameters, placed.theta, strict=False)
+    return {(p.name, p.unit): value for p, value in own}
 
 
 def _as_one(alike: Sequence[PlacedEffect]) -> PlacedEffect:

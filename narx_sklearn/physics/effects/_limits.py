@@ -132,14 +132,13 @@ def _rate_limit_held(signal, dt, theta, first):
     begins = by_pieces(_rate_limit_run, signal, first, up, down, theta[1])
     move = np.clip(signal - begins, -down, up)
     most = np.where(move > 0.0, up, down)
-    ramp = np.divide(
-        np.abs(move), most, out=np.zeros_like(move), where=most > 0.0
-    )  # share of the step it takes
+    # share of the step that it takes
+    ramp = np.divide(np.abs(move), most, out=np.zeros_like(move), where=most > 0.0)
     lacking = (1.0 - digital) * 0.5 * ramp * move
     return begins + move - lacking, (1.0 - digital) * ramp * (3.0 - 2.0 * ramp) * move
 
 
-def _either_way(theta, dt: float = 1.0) -> tuple[float, float]:
+def _either_way(theta, dt: float) -> tuple[float, float]:
     """Return by how much a signal rises and falls in a time at most; the same unless parameters say more."""
     more = theta[3] if len(theta) > 3 else 0.0
     return theta[0] * (1.0 + more) * dt, theta[0] * (1.0 - more) * dt
@@ -155,8 +154,8 @@ def _limited_difference(now, before, up, down):
 
 def _rate_limit_starts(setting: Setting) -> np.ndarray:
     moves = np.abs(np.diff(setting.argument)) / setting.dt
-    moves[setting.first[1:] - 1] = np.nan  # from one session to the next nothing moves
-    moves = moves[moves > 0]
+    moves[setting.first[setting.first > 0] - 1] = np.nan  # from one session to the next nothing moves
+    moves = moves[np.isfinite(moves) & (moves > 0)]
     if moves.size == 0:
         return np.empty((0, 3))
     # steps show a limit as ramps of some samples, or within one; a smooth record near its fastest slopes

@@ -43,7 +43,7 @@ _STEP = replace(
         STEP,
         "a (s + (1 + tanh((x - c)/w)) / 2)",
         ["a"],
-        (*_WHERE, EffectParameter("s", "1")),
+        (*_WHERE, EffectParameter("s", "-")),
         _from_there_on,
         amplitude=0,
     ),
