@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.search.lookalikes import look_alikes
 from narx_sklearn.discrepancy.search.valleys import (
+    begun_elsewhere,
     levels_in_sight,
     moved_in_time,
     other_valleys,
@@ -33,8 +34,11 @@ def tank(x, u, p):
     return (p[0] * u[0] - p[1] * x[0],)
 
 
-def problem_of(effect, noise) -> tuple[Problem, Model]:
-    """Return a tank with an effect at its valve, recorded with noise, and the model without the effect."""
+def problem_of(effect, noise, *, held=0) -> tuple[Problem, Model]:
+    """Return a tank with an effect at its valve, recorded with noise, and the model without the effect.
+
+    The valve is told to stay next to zero for as many samples as it is ``held``.
+    """
     rng = np.random.default_rng(0)
     simulator = ODESimulator(
         tank,
@@ -46,6 +50,7 @@ def problem_of(effect, noise) -> tuple[Problem, Model]:
     )
     time = 0.1 * np.arange(2000)[:, None]
     u = sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.11, 0.23, 0.41, 0.67))
+    u[:held] = 0.05
     y = simulator.with_effects([effect]).simulate(u) + noise * rng.normal(size=(2000, 1))
     windows = cut([(slice(0, 2000), 0)], 500, 8)
     problem = Problem(simulator, u, y, windows, Noise.white(np.array([noise])))
@@ -143,6 +148,24 @@ class TestWhatHappenedOnce:
         told = replace(held, limits=((80.0, 80.0), (6.0, 6.0), (-0.1, 0.1)))
         assert len(moved_in_time(told, 0.1)) == 0
         assert len(moved_in_time(held, 0.1)) == 32
+
+
+class TestBeginning:
+    RESTING = PlacedEffect(CATALOGUE["rate_limit"], Port("input", 0), theta=(0.2, 0.01, 1.0))
+
+    @pytest.mark.parametrize("share", [-7.0, 6.0])
+    def test_a_drive_that_stood_far_from_a_first_command_is_found_where_that_is_not_felt(self, share):
+        problem, model = problem_of(self.RESTING.at([0.2, share, 1.0]), 0.02, held=50)
+        unfelt = fit(problem, model._replace(effects=(self.RESTING,)))
+        assert abs(unfelt.model.effects[0].theta[1]) < 1.0
+        found = other_valleys(problem, unfelt)
+        assert found.cost < 0.9 * unfelt.cost
+        assert found.model.effects[0].theta == pytest.approx((0.2, share, 1.0), rel=0.1)
+
+    def test_what_has_a_slope_at_first_is_not_tried_elsewhere(self):
+        lag = PlacedEffect(CATALOGUE["lag"], Port("input", 0), theta=(0.2, 0.01, 0.0))
+        assert len(begun_elsewhere(lag)) == 0
+        assert begun_elsewhere(self.RESTING)[:, 1].tolist() == [-9.0, -3.0, -1.0, 9.0, 3.0, 1.0]
 
 
 class TestLevels:

@@ -14,6 +14,7 @@ OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of t
 ASIDE = (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1)  # of the range, by which a threshold is moved at first
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
+BEGUN = (0.9, 0.3, 0.1)  # shares of the ends of its range at which what is lacking at first is tried
 FITTED = 3  # values from which a fit goes on
 ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
 
@@ -25,6 +26,7 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     leave is told from one run, all else refitted on the tangents at hand; the best few are fitted, first
     with the values held. Beside thresholds that are chosen, the rest of their effect is all else.
     """
+    found = _from_where_it_is_felt(problem, found)
     for octaves in OCTAVES:
         before = found
         last = before.model.effects[-1]
@@ -40,6 +42,21 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
         if found is before and not (last.effect.valleys or last.effect.chosen):
             break
     return found
+
+
+def _from_where_it_is_felt(problem: Problem, found: Fit) -> Fit:
+    """Return a fit, or a better one with more lacking at first than is caught up within a sample.
+
+    Of that little, a limit in code has no slope. Only what would leave less as it stands is fitted.
+    """
+    last = found.model.effects[-1]
+    others = directions(found.jacobian[:, :, : found.model.q.size - last.n_theta])
+    models = [_with_last(found.model, last.at(theta)) for theta in begun_elsewhere(last)]
+    left = [_left_by(problem, found, others, model) for model in models]
+    if not models or min(left) >= found.cost:
+        return found
+    better = fit(problem, models[int(np.argmin(left))], iterations=SETTLED)
+    return min(found, better, key=lambda f: f.cost)
 
 
 def may_lie_elsewhere(placed: PlacedEffect) -> bool:
@@ -99,6 +116,16 @@ def at_other_end(placed: PlacedEffect, chosen: int) -> np.ndarray:
     parameter, other = placed.effect.parameters[chosen], np.array(placed.theta)
     other[chosen] = parameter.lower + parameter.upper - other[chosen]
     return other[None]
+
+
+def begun_elsewhere(placed: PlacedEffect) -> np.ndarray:
+    """Return values with more lacking at first, or there already; none where a little of it has a slope."""
+    begin = placed.effect.begin
+    if begin is None or placed.effect.choice is None or not np.ptp(placed.bounds[begin]) > 0:
+        return np.empty((0, placed.n_theta))
+    tried = np.tile(placed.theta, (2 * len(BEGUN), 1))
+    tried[:, begin] = np.outer(placed.bounds[begin], BEGUN).ravel()
+    return tried
 
 
 def levels_in_sight(placed: PlacedEffect, signal: np.ndarray) -> np.ndarray:
