@@ -23,7 +23,7 @@ import narx_sklearn.report
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn._progress import progress, write_beside
 from narx_sklearn.analysis import continuum_of_steady_states
-from narx_sklearn.cli import _demo, _excite, main
+from narx_sklearn.cli import _demo, _diagnose, _excite, main
 from narx_sklearn.cli._columns import read_recordings
 from narx_sklearn.cli._demo import DATA_SHEET, demo_record, demo_simulator
 from narx_sklearn.cli._diagnose import check_trace
@@ -985,3 +985,14 @@ def test_words_and_numbers_are_told_before_a_report_that_fails(bench, tmp_path, 
     assert "no page today" in said.err
     assert json.loads((tmp_path / "a.json").read_text())["findings"]
     assert not (tmp_path / "a.html").exists()
+
+
+def test_a_report_is_written_where_no_experiment_can_be_proposed(bench, tmp_path, monkeypatch):
+    def lost(*_):
+        raise ValueError("In 500 samples a simulation is lost.")
+
+    monkeypatch.setattr(_diagnose, "propose", lost)
+    asked = ["diagnose", str(bench / "bench.csv"), "--model", str(bench / "servo.py"), FEW, "--quiet"]
+    assert main([*asked, "--report", str(tmp_path / "a.html")]) == 0
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "No experiment is proposed that would tell more. In 500 samples a simulation is lost." in page

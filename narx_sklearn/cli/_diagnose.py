@@ -88,9 +88,13 @@ def _page(dx: DiscrepancyRegressor, recording: Recording, y, begin, **about) -> 
     from narx_sklearn.report import render_report
 
     begin("experiment that would tell")
-    experiment = propose(dx, recording)
+    experiment, notes = None, list(recording.notes)
+    try:
+        experiment = propose(dx, recording)
+    except ValueError as reason:  # what was found is told without one
+        notes.append(f"No experiment is proposed that would tell more. {reason}")
     begin("report")
-    about |= {"sessions": recording.sessions, "notes": recording.notes, "experiment": experiment}
+    about |= {"sessions": recording.sessions, "notes": notes, "experiment": experiment}
     return render_report(dx, recording.u, y, **about)
 
 
