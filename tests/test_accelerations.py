@@ -46,13 +46,38 @@ def pushed(rng, n=600):
 
 
 def test_a_copied_rate_is_what_the_accelerometer_reads():
-    assert make()._felt == (Acceleration(1, 1, pytest.approx(1.0 / GRAVITY)),)
+    (felt,) = make()._felt
+    assert felt == Acceleration(1, 1, pytest.approx(1.0 / GRAVITY), 0.0, (0.0, 0.0, 0.0))
     u = pushed(np.random.default_rng(0))
     given = make(read)
     assert given._felt == ()
     for effects in ([], [friction(3.0)]):
         by_copy, by_rate = (s.with_effects(effects).simulate(u) for s in (make(), given))
         np.testing.assert_allclose(by_copy, by_rate, rtol=1e-12, atol=1e-12)
+
+
+def test_what_rises_feels_its_weight_as_well():
+    """What a scale in a lift reads: a constant more than the rate, or a parameter."""
+
+    def lifted(x, u, p):
+        return x[1], p[0] * u[0] - p[1] * x[1] - p[2] - GRAVITY
+
+    def specific(x, u, p):
+        return x[0], p[0] * u[0] - p[1] * x[1]
+
+    def of_rates(x, u, p, rates):
+        return x[0], rates[1] + p[2] + GRAVITY
+
+    by_copy, by_rate = (
+        make(o, lifted, outputs=("position [m]", "felt [m/s^2]")) for o in (specific, of_rates)
+    )
+    (felt,) = by_copy._felt
+    assert felt[:3] == (1, 1, pytest.approx(1.0))
+    assert (felt.offset, *felt.weights) == (pytest.approx(GRAVITY), 0.0, 0.0, pytest.approx(1.0))
+    u = pushed(np.random.default_rng(0))
+    for effects in ([], [friction(3.0)]):
+        copied, read = (s.with_effects(effects).simulate(u) for s in (by_copy, by_rate))
+        np.testing.assert_allclose(copied, read, rtol=1e-11, atol=1e-9)
 
 
 def test_it_goes_through_pickle():
@@ -92,7 +117,12 @@ def test_what_looks_like_a_rate_by_chance_is_none():
     def drawn(x, u, p):
         return x[1], u[0] - x[0]
 
-    assert make(lambda x, u, p: (x[0], u[0] - x[0]), drawn)._felt == ()
+    def drawn_from(x, u, p):
+        return x[1], u[0] - x[0] + p[1]
+
+    for equations in (drawn, drawn_from):
+        assert make(lambda x, u, p: (x[0], u[0] - x[0]), equations)._felt == ()
+        assert make(lambda x, u, p: (x[0], u[0] - x[0] + p[0]), equations)._felt == ()
     as_force = make(outputs=("position [m]", "force [N]"))
     assert as_force._felt == ()
     assert make(outputs=("position", "felt"))._felt

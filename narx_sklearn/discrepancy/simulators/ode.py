@@ -55,7 +55,7 @@ class ODESimulator(Simulator):
         Indices of the states that are measured, or ``h(x, u, p)``. By default the states named as the
         outputs are, or else the first ones. What an accelerometer sees is ``h(x, u, p, rates)``: rates are
         dx/dt as they are, with all forces that were not in the simulation. An output that repeats the
-        rate of a speed, times a constant, is taken for one.
+        rate of a speed, times a constant and off by what no signal moves (a weight), is taken for one.
     substeps : int, default=1
         Integration steps in one sampling period. Where dry friction brings a motion to rest, or turns it
         about, a step is parted further, and what the equations have as a sign, an ``if`` or a steep tanh of

@@ -219,7 +219,8 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
     """Diagnose a simulator on the given pieces of a record.
 
     A simulator that is known only near some parameters is diagnosed again where those found lie elsewhere.
-    Where nothing that is known explains what is seen over long windows, shorter ones are tried.
+    Where nothing that is known explains what is seen over long windows, nor do parameters that are not the
+    same in all sessions, shorter ones are tried.
 
     Parameters
     ----------
@@ -227,7 +228,11 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
         Stretches without gaps in ``u``, each with the first sample of its session.
     """
     found = _diagnosed(simulator, u, y, pieces, settings)
+    first, apart = found, None
     if found.verdict == "unknown" and (length := _shorter(found, settings)):
+        apart = _unless_apart(found, u, y, pieces, settings)
+        if apart.verdict in NOTHING_MISSING:
+            return apart
         settings.tell("again, over shorter windows")
         over_shorter = replace(settings, window=length)
         shorter = _diagnosed_if_it_runs(simulator, u, y, pieces, over_shorter)
@@ -244,8 +249,10 @@ def diagnose(simulator: Simulator, u: np.ndarray, y: np.ndarray, pieces, setting
             break
         found = again
     found = _unless_straight(found, u, y, pieces, settings)
-    found = _unless_apart(_unless_narrow(found, u, y, pieces, settings), u, y, pieces, settings)
-    return _fitted_beside(found, settings)
+    found = _unless_narrow(found, u, y, pieces, settings)
+    if apart is None or found is not first:
+        apart = _unless_apart(found, u, y, pieces, settings)
+    return _fitted_beside(apart, settings)
 
 
 def _fitted_beside(found: Diagnosis, settings: Settings) -> Diagnosis:
