@@ -9,11 +9,11 @@ from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
-from narx_sklearn.discrepancy.per_session import _differs
 from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages.apart import differs
 from narx_sklearn.discrepancy.stages.diagnosis import _apart_beside_names, _missed_in_each
 from narx_sklearn.physics.effects import CATALOGUE
 
@@ -88,6 +88,48 @@ class TestAnotherPayloadInEachSession:
     def test_the_noise_is_that_of_a_session(self, payloads):
         (noise,) = payloads.noise_.values()
         assert noise["sigma"] == pytest.approx(0.01 * recorded([0.8, 1.0, 1.4])[1].std(), rel=0.1)
+
+
+STIFF = 150.0, 90.0, 220.0
+
+
+@pytest.fixture(scope="module")
+def springs():
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-2, 2, 3 * N // 10), 10)
+    sessions = np.repeat([0, 1, 2], N)
+    each = (simulator().with_parameters([20.0, 6.0, k]) for k in STIFF)
+    y = np.concatenate([s.simulate(u[sessions == i][:, None])[:, 0] for i, s in enumerate(each)])
+    return diagnosed(u, y + 0.01 * y.std() * rng.normal(size=y.size), sessions, FEW)
+
+
+class TestOneParameterInEachSession:
+    """A spring that was changed, and all else as it was."""
+
+    def test_it_alone_is_told_to_differ(self, springs):
+        assert springs.verdict_ == "refit"
+        (values,) = finding_of(springs).evidence["parameters"].values()
+        np.testing.assert_allclose(values, STIFF, rtol=0.02)
+
+    def test_all_else_is_what_all_sessions_say(self, springs):
+        """One set for all would have bent them."""
+        bent = springs.conclusion_.diagnosis.refitted.model.p
+        found = springs.parameters_
+        for name, true, refitted in zip(("gain", "damping"), TRUE, bent, strict=False):
+            row = found.loc[name]
+            assert row["augmented"] == pytest.approx(true, rel=0.02)
+            assert abs(refitted - true) > 5 * abs(row["augmented"] - true)
+            assert row["augmented_low"] < true < row["augmented_high"]
+            assert row["augmented_high"] - row["augmented_low"] < 0.05 * true
+        low, high = found.loc["stiffness", ["augmented_low", "augmented_high"]]
+        assert low < 90.0 * 1.01
+        assert high > 220.0 * 0.99
+
+    def test_held_out_samples_are_followed_with_parameters_of_their_sessions(self, springs):
+        errors = springs.scores_["nrmse"]
+        assert errors["by session"] < 0.02
+        assert errors["augmented"] > 10 * errors["by session"]
+        assert "   by session 1" in springs.report_
 
 
 def test_one_payload_is_a_refit_and_no_more():
@@ -191,10 +233,10 @@ def test_parameters_of_their_own_beside_a_name(masses, differ):
 
 
 @pytest.mark.parametrize(
-    ("values", "half_width", "differs"),
+    ("values", "half_width", "expected"),
     [([1.0, 1.0, 1.1], 0.1, False), ([1.0, 1.0, 1.5], 0.1, True), ([1.0, 2.0, 3.0], 0.0, False)],
 )
-def test_a_parameter_differs_where_its_errors_do_not_explain_it(values, half_width, differs):
+def test_a_parameter_differs_where_its_errors_do_not_explain_it(values, half_width, expected):
     values = np.array(values)
     sure = values[:, None] + half_width * np.array([-1.0, 1.0])
-    assert _differs(values, sure, 1) == differs
+    assert differs(values, sure, 1) == expected

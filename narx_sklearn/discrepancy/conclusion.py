@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.placed import for_other_records, that_recur
 from narx_sklearn.discrepancy.records.finding import DataFinding
 from narx_sklearn.discrepancy.records.record import Piece, Split, hold_out, pieces_of
 from narx_sklearn.discrepancy.records.standing import not_told_by, still_standing, to_be_mended
-from narx_sklearn.discrepancy.results import NOTHING_MISSING, STANDS_IN
+from narx_sklearn.discrepancy.results import BY_SESSION, NOTHING_MISSING, STANDS_IN
 from narx_sklearn.discrepancy.search.confirm import DRIFT, is_drift
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Simulator
@@ -28,6 +28,7 @@ from narx_sklearn.discrepancy.verify import (
     HeldOut,
     Lead,
     Stretch,
+    errors_over,
     left_together,
     on_held_out,
     score_table,
@@ -327,11 +328,23 @@ def _scored(found: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings)
     if not stretches:
         return found
     errors = squared_errors(found.simulators, u, y, stretches, found.guesses, found.leads)
+    if found.diagnosis.is_apart:
+        errors[BY_SESSION] = errors_over(_by_session(found, stretches), u, y)
     columns = np.concatenate([y[stretch.rows] for stretch in stretches]).T
     measured = (column[np.isfinite(column)] for column in columns)
     spread = np.array([np.std(values) if values.size else np.nan for values in measured])
     scores = score_table(errors, spread, settings.level, settings.random_state)
     return replace(found, scores=scores, stretches=stretches)
+
+
+def _by_session(found: Conclusion, stretches: Sequence[Stretch]) -> list[tuple]:
+    """Return with each stretch the simulator with its session's own parameters, and about where it begins."""
+    parts = {int(part.problem.windows.began[0]): part.fit for part in found.diagnosis.apart}
+    simulator = found.diagnosis.problem.simulator
+    return [
+        (s, simulator.with_parameters(parts[s.began].model.p), found.guess_of(parts[s.began]), None)
+        for s in stretches
+    ]
 
 
 def _without_drifts(whole: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings) -> Conclusion | None:

@@ -3,17 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from narx_sklearn.discrepancy.fitting.acting import port_in_words
 from narx_sklearn.discrepancy.noise import Noise
 from narx_sklearn.discrepancy.records.finding import DataFinding
-from narx_sklearn.discrepancy.search.inference import intervals
-from narx_sklearn.discrepancy.stages.apart import Part
+from narx_sklearn.discrepancy.stages.apart import Part, differing, own_parameters
 from narx_sklearn.discrepancy.stages.diagnosis import Diagnosis
-
-LEVEL = 0.9  # of the intervals that are told
-BY_CHANCE = 0.05  # chance that a parameter which is the same in all sessions is said to differ
 
 
 def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
@@ -21,10 +16,8 @@ def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
     if not diagnosis.apart:
         return []
     parameters = diagnosis.problem.simulator.parameters
-    values = np.array([part.fit.model.p for part in diagnosis.apart])
-    sure = np.array([intervals(*part, LEVEL)[: len(parameters)] for part in diagnosis.apart])
-    told = [i for i in range(len(parameters)) if _differs(values[:, i], sure[:, i], len(parameters))]
-    told = told or list(range(len(parameters)))
+    values, sure = own_parameters(diagnosis.apart)
+    told = np.flatnonzero(differing(diagnosis.apart)).tolist()
     together = diagnosis.together or Part(diagnosis.problem, diagnosis.refitted)
     before, after = (float(np.sqrt(_left(parts))) for parts in ([together], diagnosis.apart))
     listed = "; ".join(
@@ -58,7 +51,8 @@ def _outcome(diagnosis: Diagnosis) -> str:
         return (
             "no session by itself misses anything. Something was changed in between (a payload, a medium, a "
             "supply): simulate each with its own parameters (with_parameters), or give what was changed as a "
-            "measured input."
+            "measured input. The corrected simulation has one set for all: what all of them say of the rest, "
+            "and between what they say of what differs."
         )
     if diagnosis.of_session is not None:
         began = [int(part.problem.windows.began[0]) for part in diagnosis.apart]
@@ -86,16 +80,6 @@ def _missed(diagnosis: Diagnosis) -> str:
     simulator = diagnosis.problem.simulator
     effects = diagnosis.missed_in_each
     return " and ".join(f"{e.effect.title} {port_in_words(e.port, simulator)}" for e in effects)
-
-
-def _differs(values: np.ndarray, sure: np.ndarray, n_asked: int) -> bool:
-    """Tell whether values, (n,), with their intervals, (n, 2), are surely not all one (Cochran's Q)."""
-    error = (sure[:, 1] - sure[:, 0]) / (2.0 * norm.isf((1.0 - LEVEL) / 2.0))
-    if not np.all(np.isfinite(error) & (error > 0)):
-        return False
-    weights = 1.0 / error**2
-    mean = float(weights @ values / weights.sum())
-    return bool(weights @ (values - mean) ** 2 > chi2.isf(BY_CHANCE / n_asked, values.size - 1))
 
 
 def _left(parts: Sequence[Part]) -> float:

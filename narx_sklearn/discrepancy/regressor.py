@@ -101,6 +101,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
         Held-out free run of the nominal, refitted and augmented simulation: ``nrmse`` (over the spread of
         what was held out), ``rmse``, ``removed`` (share of the refitted error taken away), with intervals.
         The augmented one has all that was found; what is held against it there the corrected one leaves out.
+        A row "by session" is there where nothing is missing but that parameters are not the same in all.
         Empty where the record is too short for such a run.
     held_out_ : DataFrame
         Samples that the scores are of, a row a stretch: ``start``, ``scored_from`` (samples before it settle

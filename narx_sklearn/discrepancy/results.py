@@ -16,8 +16,8 @@ VERDICTS = {
 CHANGES = "A parameter of the simulation is not always the same"  # which no effect of the catalogue does
 DISTURBED = "Something acts on the machine that follows none of its signals"
 
-
 NOTHING_MISSING = ("consistent", "refit")
+BY_SESSION = "by session"  # score of the simulation with parameters of their own in sessions
 
 LEAST = 1e-12  # p-values below say no more than that
 STANDS_IN = 1.5  # times what names leave where they were fitted, that they leave elsewhere if they stand in

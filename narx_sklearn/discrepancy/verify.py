@@ -214,20 +214,33 @@ def squared_errors(
     leads: dict[str, Lead],
 ) -> dict[str, Errors]:
     """Return each simulator's squared errors over stretches, by block."""
-    n_blocks = max(1, BLOCKS // len(stretches))
-    found = {}
-    for name, simulator in simulators.items():
-        squares, counts = [], []
-        for stretch in stretches:
-            run = free_run(simulator, u, y, stretch, guesses[name], leads.get(name))
-            measured, simulated = y[stretch.scored], run.y[stretch.n_init :]
-            seen = np.isfinite(measured)
-            error = np.where(seen, (measured - simulated) ** 2, 0.0)
-            error[seen & np.isnan(simulated)] = np.inf
-            squares += [block.sum(axis=0) for block in np.array_split(error, n_blocks)]
-            counts += [block.sum(axis=0) for block in np.array_split(seen, n_blocks)]
-        found[name] = Errors(np.array(squares), np.array(counts))
-    return found
+    return {
+        name: errors_over([(s, simulator, guesses[name], leads.get(name)) for s in stretches], u, y)
+        for name, simulator in simulators.items()
+    }
+
+
+def errors_over(
+    runs: Sequence[tuple[Stretch, Simulator, np.ndarray, Lead | None]], u: np.ndarray, y: np.ndarray
+) -> Errors:
+    """Return the squared errors over stretches, by block.
+
+    Parameters
+    ----------
+    runs : list of (Stretch, Simulator, ndarray, Lead or None)
+        With each stretch what simulates it, about where it begins, and what went before.
+    """
+    n_blocks = max(1, BLOCKS // len(runs))
+    squares, counts = [], []
+    for stretch, simulator, guess, lead in runs:
+        run = free_run(simulator, u, y, stretch, guess, lead)
+        measured, simulated = y[stretch.scored], run.y[stretch.n_init :]
+        seen = np.isfinite(measured)
+        error = np.where(seen, (measured - simulated) ** 2, 0.0)
+        error[seen & np.isnan(simulated)] = np.inf
+        squares += [block.sum(axis=0) for block in np.array_split(error, n_blocks)]
+        counts += [block.sum(axis=0) for block in np.array_split(seen, n_blocks)]
+    return Errors(np.array(squares), np.array(counts))
 
 
 class HeldOut(NamedTuple):

@@ -10,10 +10,16 @@ from narx_sklearn.discrepancy.conclusion import Conclusion
 from narx_sklearn.discrepancy.noise import Noise, estimate_noise
 from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.records.record import read_record
+from narx_sklearn.discrepancy.results import BY_SESSION
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.verify import Stretch, free_run
 
-WORDS = {"nominal": "as it was", "refitted": "parameters refitted", "augmented": "corrected"}
+WORDS = {
+    "nominal": "as it was",
+    "refitted": "parameters refitted",
+    "augmented": "corrected",
+    BY_SESSION: "each session with its own parameters",
+}
 
 
 class HeldOut(NamedTuple):

@@ -13,7 +13,7 @@ from narx_sklearn.discrepancy.report_text import (
     what_a_refit_harms,
     what_is_no_law,
 )
-from narx_sklearn.discrepancy.results import p_text
+from narx_sklearn.discrepancy.results import BY_SESSION, p_text
 from narx_sklearn.report._runs import WORDS
 
 DYNAMIC = frozenset(
@@ -127,7 +127,8 @@ def _gain(dx) -> str:
     error = dx.scores_["nrmse"]
     if dx.verdict_ == "consistent":
         return f" (held-out error {percent(error['nominal'])} of the spread there)"
-    before, after = error["refitted" if has_form(dx) else "nominal"], error["augmented"]
+    before = error["refitted" if has_form(dx) else "nominal"]
+    after = error.get(BY_SESSION, error["augmented"])
     if not np.isfinite(after):
         return "; on data the fit never saw, the free run leaves the finite range"
     if not np.isfinite(before):

@@ -30,7 +30,14 @@ from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.simulators.windows import followed_for
-from narx_sklearn.discrepancy.stages.apart import Apart, Part, began_of, fit_apart
+from narx_sklearn.discrepancy.stages.apart import (
+    Apart,
+    Part,
+    began_of,
+    fit_apart,
+    intervals_apart,
+    with_common,
+)
 from narx_sklearn.discrepancy.stages.beginning import (
     DivergesError,
     begin,
@@ -164,6 +171,8 @@ class Diagnosis:
         do not exclude.
         """
         problem, found = self.problem, self.best.fit
+        if self.is_apart:
+            return intervals_apart(self.apart, level)
         wanders = self.unforeseen or self.beside
         if wanders is None:
             rows = intervals(problem, found, level)
@@ -325,10 +334,11 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         return replace(found, apart=beside_names.parts, together=all_of_it)
     if any(one.verdict not in NOTHING_MISSING for one in alone):
         return found if found.is_named else replace(found, apart=apart.parts)
+    parts = tuple(Part(one.problem, one.refitted) for one in alone)
     return replace(
         found,
         verdict="refit",
-        best=together,
+        best=Candidate(with_common(problem, refitted, parts, settings.n_jobs), problem.n_seen),
         order=(),
         alternatives=(),
         p_missing=min(1.0, len(alone) * min(one.p_missing for one in alone)),
@@ -337,7 +347,7 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         beside=None,
         left=NOTHING_SEEN,
         unnamed=None,
-        apart=tuple(Part(one.problem, one.refitted) for one in alone),
+        apart=parts,
     )
 
 
