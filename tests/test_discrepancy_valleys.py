@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.search.lookalikes import look_alikes
 from narx_sklearn.discrepancy.search.valleys import (
+    begins_in_sessions,
     begun_elsewhere,
     levels_in_sight,
     moved_in_time,
@@ -166,6 +167,66 @@ class TestBeginning:
         lag = PlacedEffect(CATALOGUE["lag"], Port("input", 0), theta=(0.2, 0.01, 0.0))
         assert len(begun_elsewhere(lag)) == 0
         assert begun_elsewhere(self.RESTING)[:, 1].tolist() == [-9.0, -3.0, -1.0, 9.0, 3.0, 1.0]
+
+
+class TestSessions:
+    """A valve that stood elsewhere when each of three sessions began."""
+
+    AT = (0.8, -0.6, 0.3)
+
+    def problem(self, at=AT, n=600):
+        rng = np.random.default_rng(4)
+        simulator = ODESimulator(
+            tank, dt=0.1, parameters={"gain": 1.0, "outflow": 0.3}, states=["level [m]"], inputs=["valve [V]"]
+        )
+        time = 0.1 * np.arange(n)[:, None]
+        u = np.concatenate(
+            [sum(np.sin(w * time + rng.uniform(0, 6)) for w in (0.23, 0.41, 0.67)) for _ in range(3)]
+        )
+        sessions = np.repeat(range(3), n)
+        each = (
+            simulator.with_effects([stiction(0.8, 0.8, 1.0).at([0.8, 0.8, 1.0, i])]).simulate(
+                u[sessions == k]
+            )
+            for k, i in enumerate(at)
+        )
+        y = np.concatenate(list(each)) + 0.01 * rng.normal(size=(3 * n, 1))
+        windows = cut([(slice(k * n, (k + 1) * n), k * n) for k in range(3)], n, 8)
+        problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
+        return problem, Model(simulator.nominal, (), np.zeros((3, 1)))
+
+    def test_each_begins_where_it_stood(self):
+        problem, model = self.problem()
+        alike = fit(problem, model._replace(effects=(stiction(0.8, 0.8, 1.0),)))
+        found = other_valleys(problem, alike)
+        assert found.cost < 0.5 * alike.cost
+        assert found.cost < 1.2 * problem.n_seen
+        (valve,) = found.model.effects
+        assert [began for began, _ in valve.begins] == [600, 1200]
+        assert (valve.theta[3], *(at for _, at in valve.begins)) == pytest.approx(self.AT, abs=0.15)
+
+    def test_it_runs_in_each_session_as_one_that_begins_there_alone(self):
+        problem, model = self.problem()
+        valve = replace(stiction(0.8, 0.8, 1.0), begins=((600, -0.6), (1200, 0.3))).at([0.8, 0.8, 1.0, 0.8])
+        y = problem.run(model._replace(effects=(valve,))).y
+        for k, at in enumerate(self.AT):
+            own = valve.begun_anew().at([0.8, 0.8, 1.0, at])
+            assert own.begins == ()
+            alone = problem.run(model._replace(effects=(own,))).y
+            np.testing.assert_array_equal(y[600 * k : 600 * (k + 1)], alone[600 * k : 600 * (k + 1)])
+
+    def test_where_all_begin_alike_no_session_has_its_own(self):
+        problem, model = self.problem(at=(0.5, 0.5, 0.5))
+        alike = fit(problem, model._replace(effects=(stiction(0.8, 0.8, 1.0).at([0.8, 0.8, 1.0, 0.5]),)))
+        (valve,) = other_valleys(problem, alike).model.effects
+        assert valve.begins == ()
+
+    def test_one_session_has_none(self):
+        problem, _ = problem_of(stiction(*TRUE), 0.02)
+        assert not begins_in_sessions(problem, stiction(*TRUE))
+        assert begins_in_sessions(self.problem()[0], stiction(*TRUE))
+        lost = replace(stiction(*TRUE), port=Port("state", 0))
+        assert not begins_in_sessions(self.problem()[0], lost)
 
 
 class TestLevels:

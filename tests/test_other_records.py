@@ -1,5 +1,7 @@
 """What a diagnosis carries into other records: laws, not what one record remembered or met with once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,8 +30,9 @@ def test_memories_begin_in_the_middle_and_what_happened_once_is_over():
     play = PlacedEffect(CATALOGUE["backlash"], Port("state", 1), onward=0, theta=(1.0, 0.1, 0.0, -0.7, 0.5))
     held = PlacedEffect(CATALOGUE["stuck_sensor"], Port("output", 0), theta=(3.0, 1.0, 0.0))
     load = PlacedEffect(CATALOGUE["constant_load"], Port("state", 1), theta=(0.1,))
-    others = for_other_records([limit, play, held, load])
+    others = for_other_records([limit, replace(play, begins=((100, 0.3),)), held, load])
     assert [e.theta for e in others] == [(0.2, 0.0, 0.0), (1.0, 0.1, 0.0, 0.0, 0.5), (0.1,)]
+    assert not any(e.begins for e in others)
 
 
 @pytest.mark.long

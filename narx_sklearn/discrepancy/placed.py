@@ -112,6 +112,9 @@ class PlacedEffect:
         The time in which it acts; always by default.
     limits : tuple of (float, float)
         Of each parameter, between which it means on a record what it is called; none by default.
+    begins : tuple of (int, float)
+        At inputs and outputs: where its memory begins in sessions that do not begin alike, each by its first
+        sample; in all others it begins where ``theta`` says.
     """
 
     effect: Effect
@@ -132,6 +135,7 @@ class PlacedEffect:
     odd: bool = False
     during: Span = ALWAYS
     limits: tuple[tuple[float, float], ...] = ()
+    begins: tuple[tuple[int, float], ...] = ()
 
     def at(self, theta) -> "PlacedEffect":
         """Return it with other parameter values."""
@@ -184,7 +188,9 @@ class PlacedEffect:
     def begun_anew(self) -> "PlacedEffect":
         """Return it as it begins another record: memories in the middle, what follows a command there."""
         begin = self.effect.begin
-        return self if begin is None else self.at([*self.theta[:begin], 0.0, *self.theta[begin + 1 :]])
+        if begin is None:
+            return self
+        return replace(self, begins=()).at([*self.theta[:begin], 0.0, *self.theta[begin + 1 :]])
 
     @property
     def bounds(self) -> np.ndarray:
@@ -352,7 +358,7 @@ def for_other_records(
     ``beginning_alike`` begin as they did.
     """
     return tuple(
-        placed if placed.place in beginning_alike else placed.begun_anew()
+        replace(placed, begins=()) if placed.place in beginning_alike else placed.begun_anew()
         for placed in that_recur(effects)
         if not placed.during.along_record
     )

@@ -16,7 +16,7 @@ from narx_sklearn.discrepancy.search.detect import Detection, detect
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import reordered, that_run, without_each, without_idle
 from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs, with_nearest
-from narx_sklearn.discrepancy.search.valleys import may_lie_elsewhere, other_valleys
+from narx_sklearn.discrepancy.search.valleys import begins_in_sessions, may_lie_elsewhere, other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 
 ROUNDS = ((3, 14), (7, 6))  # iterations of a leader's first refits, and how many go on to the next round
@@ -218,7 +218,9 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
     """Return the candidates, those in reach of the best from other values of their last effect too."""
 
     def settled(candidate: Candidate) -> Candidate:
-        if not (in_reach(candidate, found[0], base) and may_lie_elsewhere(candidate.effects[-1])):
+        last = candidate.effects[-1]
+        elsewhere = may_lie_elsewhere(last) or begins_in_sessions(problem, last)
+        if not (elsewhere and in_reach(candidate, found[0], base)):
             return candidate
         other = Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
         return min(candidate, other, key=lambda c: c.criterion)

@@ -1,5 +1,6 @@
 """Other valleys of the cost: values round those that a fit came to, for effects whose cost has many."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,13 @@ ASIDE = (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1)  # of the range, by which a t
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
 BEGUN = (0.9, 0.3, 0.1)  # shares of the ends of its range at which what is lacking at first is tried
+ALL_OVER = (
+    0.0,
+    *(s for share in (0.03, 0.1, 0.25, 0.5, 0.75, 1.0) for s in (-share, share)),
+)  # of half a range
+NEARBY = -0.12, -0.06, 0.06, 0.12
+MOST_SESSIONS = 12  # of which each begins by itself
+BY_CHANCE = 4.0  # noise variances that the beginning of each session has to take off
 FITTED = 3  # values from which a fit goes on
 ALL_ELSE, SETTLED = 6, 14  # iterations of such a fit with the values held, and then free
 
@@ -27,6 +35,8 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     with the values held. Beside thresholds that are chosen, the rest of their effect is all else.
     """
     found = _from_where_it_is_felt(problem, found)
+    found = _begun_apart(problem, found)
+    begun = found
     for octaves in OCTAVES:
         before = found
         last = before.model.effects[-1]
@@ -41,7 +51,7 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
         # what has no rounds would try the same again
         if found is before and not (last.effect.valleys or last.effect.chosen):
             break
-    return found
+    return found if found is begun else _begun_apart(problem, found)
 
 
 def _from_where_it_is_felt(problem: Problem, found: Fit) -> Fit:
@@ -57,6 +67,56 @@ def _from_where_it_is_felt(problem: Problem, found: Fit) -> Fit:
         return found
     better = fit(problem, models[int(np.argmin(left))], iterations=SETTLED)
     return min(found, better, key=lambda f: f.cost)
+
+
+def _begun_apart(problem: Problem, found: Fit) -> Fit:
+    """Return a fit, or a better one whose last effect begins elsewhere in each session.
+
+    Nobody moved a machine back to where its valve had stuck, or its gears had met, before. What each session
+    leaves with a beginning is told from a run of all sessions with that.
+    """
+    last = found.model.effects[-1]
+    begin = last.effect.begin
+    if begin is None or not begins_in_sessions(problem, last):
+        return found
+    lower, upper = last.bounds[begin]
+    sessions = np.unique(problem.windows.began)
+    at = np.array([dict(last.begins).get(int(began), last.theta[begin]) for began in sessions])
+    least = _left_in_sessions(problem, found, _with_last(found.model, last))
+    for shares in (ALL_OVER, NEARBY):
+        middle = at if shares is NEARBY else 0.5 * (lower + upper)
+        tried = np.clip(middle + 0.5 * (upper - lower) * np.array(shares)[:, None], lower, upper)
+        for values in np.broadcast_to(tried, (len(shares), sessions.size)):
+            model = _with_last(found.model, _begun(last, sessions, values))
+            left = _left_in_sessions(problem, found, model)
+            at, least = np.where(left < least, values, at), np.minimum(left, least)
+    better = fit(problem, _with_last(found.model, _begun(last, sessions, at)), iterations=SETTLED)
+    by_chance = BY_CHANCE * sessions.size * found.cost / problem.n_seen
+    return better if better.cost < found.cost - by_chance else found
+
+
+def begins_in_sessions(problem: Problem, placed: PlacedEffect) -> bool:
+    """Tell whether an effect at an input or output has a memory that each of several sessions begins anew."""
+    begin = placed.effect.begin
+    if begin is None or placed.port.kind not in ("input", "output") or not np.ptp(placed.bounds[begin]) > 0:
+        return False
+    return 1 < np.unique(problem.windows.began).size <= MOST_SESSIONS
+
+
+def _begun(placed: PlacedEffect, sessions: np.ndarray, values: np.ndarray) -> PlacedEffect:
+    """Return an effect that begins in sessions, each by its first sample, where values say."""
+    theta = np.array(placed.theta)
+    theta[placed.effect.begin] = values[0]
+    others = zip(sessions[1:].tolist(), values[1:].tolist(), strict=True)
+    return replace(placed, begins=tuple(others)).at(theta)
+
+
+def _left_in_sessions(problem: Problem, found: Fit, model: Model) -> np.ndarray:
+    """Return what a model leaves in each session, its windows' states refitted on the tangents at hand."""
+    residual = found.projector(problem.residual(problem.run(model)))
+    left = np.where(np.isfinite(residual), residual, np.inf)
+    began, of_each = np.unique(problem.windows.began, return_inverse=True)
+    return np.bincount(of_each, np.sum(left**2, axis=1), began.size)
 
 
 def may_lie_elsewhere(placed: PlacedEffect) -> bool:

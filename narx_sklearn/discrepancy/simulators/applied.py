@@ -1,6 +1,7 @@
 """Effects at inputs and outputs: what they make of these signals along a record."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -64,19 +65,41 @@ def applied(
             keep, began = np.arange(len(column)), np.zeros(len(column), dtype=np.int64)
         inside = column[keep]
         acts = placed.during.holds(keep, began, dt)
-        theta = np.array(placed.theta)
-        if is_held and placed.effect.held is not None:
-            changed, rise = placed.effect.held(inside, dt, theta, begin)
-            tilt = tilt if len(tilt) else np.zeros_like(signals)
-            tilt[keep, placed.port.index] += np.where(acts, scale * rise, 0.0)
-        elif bends[placed.port.index] and placed.effect.curved is not None:
-            at = within[:, keep, placed.port.index]
-            changed, *then = placed.effect.curved(inside, *at, dt, theta, begin)
-            within[:, keep, placed.port.index] = at + np.where(acts, scale * (np.array(then) - at), 0.0)
-        else:
-            bends[placed.port.index] = False
-            changed = placed.effect.transform(
-                inside, None if other is None else other[keep], dt, theta, begin
-            )
-        out[keep, placed.port.index] = inside + np.where(acts, scale * (changed - inside), 0.0)
+        aside = None if other is None else other[keep]
+        at = placed.port.index
+        changed = np.empty_like(inside)
+        for part, theta, first in _beginning(placed, began, begin):
+            if is_held and placed.effect.held is not None:
+                changed[part], rise = placed.effect.held(inside[part], dt, theta, first)
+                tilt = tilt if len(tilt) else np.zeros_like(signals)
+                tilt[keep[part], at] += np.where(acts[part], scale * rise, 0.0)
+            elif bends[at] and placed.effect.curved is not None:
+                known = within[:, keep[part], at]
+                changed[part], *then = placed.effect.curved(inside[part], *known, dt, theta, first)
+                within[:, keep[part], at] = known + np.where(
+                    acts[part], scale * (np.array(then) - known), 0.0
+                )
+            else:
+                bends[at] = False
+                changed[part] = placed.effect.transform(
+                    inside[part], None if aside is None else aside[part], dt, theta, first
+                )
+        out[keep, at] = inside + np.where(acts, scale * (changed - inside), 0.0)
     return out, tilt
+
+
+def _beginning(
+    placed: PlacedEffect, began: np.ndarray, first: np.ndarray
+) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+    """Yield parts of the samples, the effect's parameters there, and where it begins anew in a part.
+
+    One part where it begins alike in all sessions.
+    """
+    theta, begin = np.array(placed.theta), placed.effect.begin
+    if begin is None or not placed.begins:
+        yield slice(None), theta, first
+        return
+    own = dict(placed.begins)
+    for a, b in pairwise([*first.tolist(), began.size]):
+        theta[begin] = own.get(int(began[a]), placed.theta[begin])
+        yield slice(a, b), theta.copy(), np.zeros(1, dtype=np.int64)

@@ -4,9 +4,17 @@ import numpy as np
 
 from narx_sklearn.model.phi import DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import of_difference, plays
-from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting, at_most
 from narx_sklearn.physics.effects._kernel import kernel
-from narx_sklearn.physics.effects._starts import grid, quantiles, record_length, reverses, scaled, spread
+from narx_sklearn.physics.effects._starts import (
+    grid,
+    quantiles,
+    record_length,
+    reverses,
+    scaled,
+    spread,
+    time_scale,
+)
 
 
 @kernel
@@ -131,6 +139,11 @@ def _presliding_starts(setting: Setting) -> np.ndarray:
     return _dry_starts(setting, np.concatenate([dahl, lugre]))
 
 
+def _presliding_limits(setting: Setting) -> np.ndarray:
+    """What damps a bristle is over before the motion changes: what goes on is another force than friction."""
+    return at_most(5, 4, time_scale(setting) or np.inf)
+
+
 def _load_starts(setting: Setting) -> np.ndarray:
     load = setting.own if setting.second is None else setting.second
     if not reverses(setting.argument) or spread(load) == 0:
@@ -243,6 +256,7 @@ FRICTION = (
             EffectParameter("tau", "s", 0.0),
         ),
         starts=_presliding_starts,
+        limits=_presliding_limits,
         force=_presliding,
         n_memory=1,
         met_on="surfaces",
