@@ -555,7 +555,7 @@ def place_in_words(placed: PlacedEffect, simulator: Simulator) -> str:
     """Return where an effect enters: "in the equation of velocity", "on the input drive"."""
     words = port_in_words(placed.port, simulator)
     if placed.port.is_parameter:
-        return f"{words}, with {placed.second_name}"
+        return f"{words}, with {placed.second_name}" if placed.second_name else words
     if placed.through >= 0 and placed.handed_on:
         return f"behind {placed.argument_name}, as the equations have it"
     if placed.through >= 0:

@@ -11,7 +11,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect
 from narx_sklearn.discrepancy.search.bank import out_of
 from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate, odd
 from narx_sklearn.discrepancy.search.detect import block_length, blocks_of
-from narx_sklearn.discrepancy.search.unnamed.kinds import LINE
+from narx_sklearn.discrepancy.search.unnamed.kinds import CHANGED, LINE
 
 CLEARLY = 2.0  # standard deviations by which a rival must fail to be called worse
 ALIKE = 2.0  # difference of the criterion that says nothing
@@ -298,4 +298,4 @@ def is_a_change(unnamed: Candidate, best: Candidate) -> bool:
         return False
     (change,) = unnamed.effects
     fewer = change.n_theta < sum(effect.n_theta for effect in best.effects)
-    return change.effect.code == LINE and fewer and unnamed.criterion < best.criterion + HARDLY
+    return change.effect.code in (LINE, CHANGED) and fewer and unnamed.criterion < best.criterion + HARDLY

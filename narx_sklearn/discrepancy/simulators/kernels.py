@@ -352,6 +352,7 @@ def _simulate_windows(
     authority,
     width,
     p,
+    timed,
     x0,
     u,
     tilt,
@@ -392,7 +393,9 @@ def _simulate_windows(
     where the session began or, `along` the record, from its first sample. The equations jump by about twice
     an `authority` where one of the `switches` @ x is zero, to within a `width`.
     A step in which that happens, or a force that `sticks` turns about, is parted. An output that `sees_rates`
-    is told those of the states, forces and all, where its sample's first step begins. `special` is None where
+    is told those of the states, forces and all, where its sample's first step begins. Some values of `p` are
+    `timed`: where each stands, what it is, between which times, else it is zero, and whether these are along
+    the record; `p` is written to. `special` is None where
     there is no map and no switch and every force simply acts in its own state equation (and onward): numba
     compiles that case apart, and it runs in half the time.
     Written: y_out (n_samples, n_outputs), x_out (n_samples, n_states), z_out (n_samples, n_forces *
@@ -465,6 +468,9 @@ def _simulate_windows(
                 x_out[k, i] = x[i]
                 if not abs(x[i]) < UNBOUNDED:
                     broken = True
+            for e in range(timed.shape[0]):
+                since = (k if timed[e, 4] > 0.0 else k - began[w]) * dt
+                p[int(timed[e, 0])] = timed[e, 1] if timed[e, 2] <= since < timed[e, 3] else 0.0
             for e in range(n_forces):
                 since = (k if along[e] else k - began[w]) * dt
                 share[e] = strength[e] if begins[e] <= since < ends[e] else 0.0
@@ -660,7 +666,7 @@ def simulate_windows():
         FLAGS,
         MATRIX,
         *[VECTOR] * 3,
-        *[MATRIX] * 3,
+        *[MATRIX] * 4,
         INTEGERS,
         INTEGERS,
         FLAGS,

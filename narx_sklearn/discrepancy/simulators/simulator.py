@@ -231,7 +231,8 @@ class Simulator(ABC):
         bends = any(e.port.kind == "output" and e.effect.curved is not None for e in effects)
         within = np.full((2, n_samples if bends and not self.discrete else 0, y.shape[1]), np.nan)
         acting = zip(effects, share, strict=True)
-        equation, output, p = varied(self._equations(), self._coefficients(p), acting, len(self.states))
+        equations, p = self._equations(), self._coefficients(p)
+        equation, output, p, timed = varied(equations, p, acting, len(self.states))
         p = np.require(p, dtype=float, requirements=["C", "W"])
         switches = self.switches
         special = self.discrete or len(switches.weights) > 0 or any(is_special(e) for e, _ in forces)
@@ -242,6 +243,7 @@ class Simulator(ABC):
                 *slots(forces, len(self.inputs), len(self.states)),
                 *switches,
                 p,
+                timed,
                 np.require(x0, dtype=float, requirements=["C", "W"]),
                 driven,
                 tilt,

@@ -4,7 +4,8 @@
 
 The kernel hands an equation one vector of parameters, and knows nothing of this: behind the simulator's own
 stand, for each such effect, the index of the parameter, the effect's strength, the weights of the signal and
-theta. An equation so wrapped takes them off, and calls the one inside with the parameter as it is then.
+theta. An equation so wrapped takes them off, and calls the one inside with the parameter as it is then. The
+kernel knows one thing only: which of the values, strengths, are zero but for a while.
 """
 
 from collections.abc import Iterable
@@ -22,8 +23,11 @@ KEPT = 128  # wrapped equations remembered
 
 def varied(
     equations: tuple[Any, Any], p: np.ndarray, effects: Iterable[tuple[PlacedEffect, float]], n_states: int
-) -> tuple[Any, Any, np.ndarray]:
+) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     """Return right-hand side and output with parameters that depend on signals, and what they read.
+
+    Last what acts for a while only, (n, 5): where its strength stands, the strength, between which times, and
+    whether these are along the record.
 
     Parameters
     ----------
@@ -34,14 +38,17 @@ def varied(
         Effects and their strengths; those at other ports than parameters count for nothing.
     """
     equation, output = equations
+    timed = []
     for placed, strength in effects:
         if placed.port.is_parameter:
             factor = compiled_factor(placed.effect.factor)
             equation, output = (
                 _wrapped(inner, factor, n_states, placed.n_theta) for inner in (equation, output)
             )
+            if placed.passes:
+                timed.append([p.size + 1, strength, *placed.during])
             p = np.concatenate([p, [placed.port.index, strength], placed.second, placed.theta])
-    return equation, output, p
+    return equation, output, p, np.array(timed, dtype=float).reshape(-1, 5)
 
 
 @lru_cache(maxsize=KEPT)

@@ -18,6 +18,7 @@ from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED
 from narx_sklearn.discrepancy.search.unnamed.polynomials import TERMS, held_beyond, without_terms
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, pulse_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.varying import change_hypotheses
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.discrepancy.stages.coloured_search import went_far
@@ -57,6 +58,7 @@ def best_unnamed(
     placed = [curve.placed for curve in curves]
     if during != ALWAYS:
         curves += line_hypotheses(problem.simulator, structure)
+        curves += change_hypotheses(problem.simulator)
         placed += [c.placed.acting(during) for c in curves]
     placed = [odd_if_coupled(law, structure) for law in placed]
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))

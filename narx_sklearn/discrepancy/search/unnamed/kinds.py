@@ -11,7 +11,7 @@ PRODUCT, WITH_SQUARE = "unnamed_product", "unnamed_product_with_square"
 ODD_POWER, EVEN_POWER, INVERSE = "unnamed_odd_power", "unnamed_even_power", "unnamed_inverse_power"
 DAMPED = "damped_beyond"  # no finding, but another form of a law that acts beyond a gap
 STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
-VARYING = "unnamed_dependence"  # of a parameter
+VARYING, CHANGED = "unnamed_dependence", "unnamed_change"  # of a parameter
 ONE_PLACE, STEP = "unnamed_force_near_one_place", "unnamed_force_that_steps"
 RADIATED = "unnamed_radiation"
 RIPPLED = "unnamed_gain_that_ripples"
@@ -92,6 +92,11 @@ WORDS = {
     VARYING: Words(
         "a change that is not simulated",
         "What the simulation has as a constant changes with a signal, wherever it stands in the equations.",
+    ),
+    CHANGED: Words(
+        "a parameter that changed",
+        "What the simulation has as a constant is another one meanwhile, wherever it stands in the "
+        "equations.",
     ),
     WORKED: Words(
         "a gain that depends on what went before",

@@ -7,15 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from narx_sklearn.discrepancy.placed import PlacedEffect
+from narx_sklearn.discrepancy.placed import PlacedEffect, Port
+from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.unnamed.broken_line import (
     KNOTS,
     broken_line,
     ends_of,
     knots_as_parameters,
 )
-from narx_sklearn.discrepancy.search.unnamed.kinds import VARYING, WORDS
-from narx_sklearn.physics.effects import Effect, EffectParameter, Setting
+from narx_sklearn.discrepancy.search.unnamed.kinds import CHANGED, VARYING, WORDS
+from narx_sklearn.discrepancy.simulators.simulator import Simulator
+from narx_sklearn.physics.effects import PARAMETER, Effect, EffectParameter, Setting, no_start
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import ORDINARY, grid, spread
 
@@ -34,6 +36,11 @@ def _along_a_parabola(second, theta):
 @kernel
 def _along_a_line(second, theta):
     return broken_line(second, theta)
+
+
+@kernel
+def _changed(second, theta):
+    return 1.0 + theta[0]
 
 
 def _mean(setting: Setting) -> float:
@@ -77,6 +84,30 @@ BROKEN = replace(
     equation="p f(w) in place of p, f a broken line, 1 near the mean of w",
     factor=_along_a_line,
 )
+
+CHANGED_PARAMETER = replace(
+    PARAMETER_THAT_VARIES,
+    code=CHANGED,
+    title=WORDS[CHANGED].title,
+    sentence=WORDS[CHANGED].sentence,
+    equation="p (1 + a) in place of p",
+    parameters=(EffectParameter("a", "-", -1.0),),
+    starts=no_start,
+    limits=None,
+    factor=_changed,
+)
+
+
+def change_hypotheses(simulator: Simulator) -> list[Hypothesis]:
+    """Return that a parameter is another one, for each that a simulator reads; it is to act for a while."""
+    if not simulator.reads_parameters:
+        return []
+    no_signal = (0.0,) * (len(simulator.inputs) + len(simulator.states))
+    placed = (
+        PlacedEffect(CHANGED_PARAMETER, Port(PARAMETER, j), second=no_signal, theta=(0.0,))
+        for j in np.flatnonzero(simulator.nominal != 0).tolist()
+    )
+    return [Hypothesis.untuned(changed, np.array([[ORDINARY]])) for changed in placed]
 
 
 def bending(placed: PlacedEffect) -> PlacedEffect:
