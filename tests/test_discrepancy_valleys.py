@@ -14,6 +14,7 @@ from narx_sklearn.discrepancy.search.candidate import HARDLY, Candidate
 from narx_sklearn.discrepancy.search.inference import intervals
 from narx_sklearn.discrepancy.search.lookalikes import look_alikes
 from narx_sklearn.discrepancy.search.valleys import (
+    _moved_little,
     begins_in_sessions,
     begun_elsewhere,
     levels_in_sight,
@@ -87,6 +88,22 @@ class TestOtherValleys:
         assert Candidate(there, problem.n_seen).n_parameters == 2 + 3
         at_an_end = fit(problem, model._replace(effects=(stiction(0.3, 0.3, 1.0),)), iterations=0)
         assert Candidate(at_an_end, problem.n_seen).n_parameters == 2 + 2
+
+
+def test_a_command_that_comes_in_steps_just_reaches_a_threshold_or_not():
+    """At a whole number of steps the valve goes, and the path from there on is another one."""
+    rng = np.random.default_rng(0)
+    simulator = ODESimulator(
+        tank, dt=0.1, parameters={"gain": 1.0, "outflow": 0.3}, states=["level [m]"], inputs=["valve [V]"]
+    )
+    u = np.round(np.cumsum(rng.choice([-0.1, 0.0, 0.1], 3000)), 1)[:, None]
+    y = simulator.with_effects([stiction(0.55, 1.0, 1.0)]).simulate(u) + 0.01 * rng.normal(size=(3000, 1))
+    windows = cut([(slice(0, 3000), 0)], 1500, 8)
+    problem = Problem(simulator, u, y, windows, Noise.white(np.array([0.01])))
+    model = Model(simulator.nominal, (stiction(0.6, 1.0, 1.0),), np.zeros((windows.count, 1)))
+    on_the_step = fit(problem, model)
+    assert on_the_step.cost > 100 * problem.n_seen
+    assert _moved_little(problem, on_the_step).cost < 1.1 * problem.n_seen
 
 
 class TestBesideBacklash:

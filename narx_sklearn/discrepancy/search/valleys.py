@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.search.bank import directions, off
 
 OCTAVES = (1.0, 0.5, 0.25, 0.12)  # of each round, to either side; as parts of the range where it is finite
 ASIDE = (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1)  # of the range, by which a threshold is moved at first
+A_LITTLE = -0.02, -0.01, -0.005, 0.005, 0.01, 0.02  # of a value, by which what jumps is moved at last
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
 BEGUN = (0.9, 0.3, 0.1)  # shares of the ends of its range at which what is lacking at first is tried
@@ -51,7 +52,29 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
         # what has no rounds would try the same again
         if found is before and not (last.effect.valleys or last.effect.chosen):
             break
-    return found if found is begun else _begun_apart(problem, found)
+    return _moved_little(problem, found if found is begun else _begun_apart(problem, found))
+
+
+def _moved_little(problem: Problem, found: Fit) -> Fit:
+    """Return a fit, or a better one with a value of what holds and jumps a little off.
+
+    By a hundredth another command is the one that it gives way to, and the path from there on another.
+    """
+    last = found.model.effects[-1]
+    if not last.effect.valleys:
+        return found
+    others = directions(found.jacobian[:, :, : found.model.q.size - last.n_theta])
+    lower, upper = last.bounds.T
+    best, least = last, found.cost
+    for k in np.flatnonzero((upper > lower) & (np.arange(last.n_theta) != last.effect.begin)).tolist():
+        for share in A_LITTLE:
+            theta = np.array(best.theta)
+            theta[k] = np.clip(theta[k] * (1.0 + share), lower[k], upper[k])
+            left = _left_by(problem, found, others, _with_last(found.model, best.at(theta)))
+            best, least = (best.at(theta), left) if left < least else (best, least)
+    if best is last:
+        return found
+    return min(found, _settled(problem, _with_last(found.model, best)), key=lambda f: f.cost)
 
 
 def _from_where_it_is_felt(problem: Problem, found: Fit) -> Fit:
@@ -98,7 +121,10 @@ def _begun_apart(problem: Problem, found: Fit) -> Fit:
 def begins_in_sessions(problem: Problem, placed: PlacedEffect) -> bool:
     """Tell whether an effect at an input or output has a memory that each of several sessions begins anew."""
     begin = placed.effect.begin
-    if begin is None or placed.port.kind not in ("input", "output") or not np.ptp(placed.bounds[begin]) > 0:
+    if begin is None or placed.port.kind not in ("input", "output"):
+        return False
+    lower, upper = placed.bounds[begin]
+    if not (upper > lower and np.isfinite([lower, upper]).all()):
         return False
     return 1 < np.unique(problem.windows.began).size <= MOST_SESSIONS
 
