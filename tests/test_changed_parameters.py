@@ -131,11 +131,8 @@ def test_a_catheter_that_is_kinked_for_a_while_is_told_as_such():
     y += 0.01 * y.std(axis=0) * np.random.default_rng(2).normal(size=y.shape)
     dx = DiscrepancyRegressor(make(0.08), random_state=0).fit(u, y, sessions=sessions)
     (finding,) = dx.findings_
-    assert (dx.verdict_, finding.title, finding.port) == (
-        "unknown",
-        "A parameter that changed",
-        "parameter:3",
-    )
+    assert (dx.verdict_, finding.title) == ("unknown", "a parameter that changed")
+    assert finding.port == "state:2"  # where the parameter stands
     assert finding.place == "in the parameter catheter"
     assert finding.parameters["a"] == pytest.approx(0.4, abs=0.02)
     np.testing.assert_allclose(finding.during, (400.0, 560.0), atol=6.0)

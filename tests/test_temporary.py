@@ -591,10 +591,10 @@ def test_ends_are_moved_where_whole_fits_would_move_them(monkeypatch):
     begun = Model(np.array([1.1, 0.7, 11.0]), (rub.acting(Span(11.5, 19.0)),), np.zeros((3, 2)))
     candidate, fits = Candidate(fit(problem, begun), problem.n_seen), []
     monkeypatch.setattr(temporary, "fit", lambda *a, **k: fits.append(1) or fit(*a, **k))
-    settled = temporary._settled(problem, candidate, 2)
+    settled = temporary.with_settled_ends(problem, candidate, 2)
     n_fits = len(fits)
     monkeypatch.setattr(temporary, "_may_leave_less", lambda *_: True)
-    by_fits = temporary._settled(problem, candidate, 2)
+    by_fits = temporary.with_settled_ends(problem, candidate, 2)
     assert settled.effects[0].during == by_fits.effects[0].during
     assert settled.effects[0].during[:2] == pytest.approx((500 * DT, 1000 * DT), abs=8 * DT)
     assert settled.fit.cost == pytest.approx(by_fits.fit.cost, rel=1e-9)
@@ -616,7 +616,7 @@ def test_ends_go_on_past_a_time_at_which_nothing_shows():
     begun = Model(np.array([1.1, 0.7, 11.0]), (limit.acting(Span(980 * DT, 1040 * DT)),), np.zeros((4, 2)))
     candidate = Candidate(fit(problem, begun), problem.n_seen)
     assert candidate.fit.cost > 2.0 * problem.n_seen
-    settled = temporary._settled(problem, candidate, temporary.PASSES)
+    settled = temporary.with_settled_ends(problem, candidate, temporary.PASSES)
     begins, ends, _ = settled.effects[0].during
     assert 320 * DT < begins < 705 * DT
     assert 1265 * DT < ends < 1705 * DT
@@ -632,7 +632,7 @@ def test_an_end_that_went_too_far_comes_back():
     for begun in (Span(1250 * DT, 1700 * DT), Span(600 * DT, np.inf)):
         model = Model(p, (rub.acting(begun),), np.zeros((4, 2)))
         candidate = Candidate(fit(problem, model), problem.n_seen)
-        during = temporary._settled(problem, candidate, temporary.PASSES).effects[0].during
+        during = temporary.with_settled_ends(problem, candidate, temporary.PASSES).effects[0].during
         assert during[:2] == pytest.approx((500 * DT, 1850 * DT), abs=8 * DT)
 
 

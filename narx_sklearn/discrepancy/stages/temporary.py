@@ -272,7 +272,7 @@ def _found_in(
     found = _led(own, start, bank, settings)
     if not found:
         return None
-    best = _settled(own, found[0], passes=1)
+    best = with_settled_ends(own, found[0], passes=1)
     if rival and best.criterion > rival.criterion + IN_REACH:
         return None
     own, found, best = _under_clearer_noise(own, best, found, settings)
@@ -395,17 +395,20 @@ def _settled_each(
 ) -> list[Candidate]:
     """Return effects with the ends of their time settled, best first."""
     settled = Parallel(n_jobs=settings.n_jobs, prefer="threads")(
-        delayed(_settled)(problem, c, passes) for c in candidates
+        delayed(with_settled_ends)(problem, c, passes) for c in candidates
     )
     return sorted(settled, key=lambda c: c.criterion)
 
 
-def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
+def with_settled_ends(
+    problem: Problem, candidate: Candidate, passes: int, finest: float = FINEST
+) -> Candidate:
     """Return an effect that acts for a while with the ends of its time where they fit best.
 
     Each end goes to and fro by steps that halve, while the cost falls; then again from where they came to.
     In several passes they go far at first: between two times at which it shows, an end changes nothing. One
-    that leaves the samples fitted is not known, unless one within them is worth its price.
+    that leaves the samples fitted is not known, unless one within them is worth its price. The ``finest``
+    step is a share of the time, or a sample.
     """
     dt, n = problem.simulator.dt, candidate.n_samples
     first, last = _ends(problem, candidate.effects[0].during.along_record)
@@ -418,7 +421,7 @@ def _settled(problem: Problem, candidate: Candidate, passes: int) -> Candidate:
         return span._replace(ends=to if to < last else np.inf)
 
     def descended(best: Candidate, step: float) -> Candidate:
-        while step > max(FINEST * (last - first), dt):
+        while step > max(finest * (last - first), 0.75 * dt):
             for end, way in ((0, -step), (0, step), (1, -step), (1, step)):
                 before = best.effects[0].during
                 span = moved(before, end, way)

@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.inference import covariance
 from narx_sklearn.discrepancy.search.places import odd_if_coupled
 from narx_sklearn.discrepancy.search.unnamed.curves import curve_hypotheses
-from narx_sklearn.discrepancy.search.unnamed.kinds import RADIATED
+from narx_sklearn.discrepancy.search.unnamed.kinds import CHANGED, LINE, RADIATED
 from narx_sklearn.discrepancy.search.unnamed.polynomials import TERMS, held_beyond, without_terms
 from narx_sklearn.discrepancy.search.unnamed.proportions import line_hypotheses, pulse_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.varying import change_hypotheses
@@ -27,6 +27,7 @@ from narx_sklearn.discrepancy.stages.laws import at_other_ports, best_laws, refi
 from narx_sklearn.discrepancy.stages.powers import best_power
 from narx_sklearn.discrepancy.stages.remainder import look_for_pulse
 from narx_sklearn.discrepancy.stages.smooth import smoothed
+from narx_sklearn.discrepancy.stages.temporary import with_settled_ends
 
 UNEXPLAINED = 0.1  # share of what could be explained that may be left to anything else
 SUSPECT = 0.05  # level at which something counts that is no finding of its own
@@ -64,6 +65,8 @@ def best_unnamed(
     beside = refitted._replace(model=best.fit.model._replace(effects=refitted.model.effects))
     named = best if _is_enough(problem, best) else None
     found = refit_laws(problem, refitted, beside, placed, settings.n_jobs, named)
+    if during != ALWAYS:
+        found = _at_its_own_time(problem, found)
     power = best_power(problem, refitted, beside, structure, known, settings.n_jobs, named)
     laws = found[:1] + at_other_ports(found)
     if laws and (named is None or in_reach(laws[0], named, refitted)):
@@ -73,6 +76,23 @@ def best_unnamed(
     laws += best_laws(problem, refitted, beside, structure, settings.n_jobs, named)
     laws += [power] if power is not None else []
     return _likeliest(problem, laws, settings.n_jobs)
+
+
+def _at_its_own_time(problem: Problem, found: list[Candidate]) -> list[Candidate]:
+    """Return laws that act for a while, best first, the first ones with the ends of their time settled.
+
+    So are those of the best change of a parameter, and of what grows with a signal: what stood in for it came
+    and went more gently, and a change that begins some samples off leaves more than that. Of these two it is
+    a signal's where that is as likely: there it is known where it acts.
+    """
+    changes, lines = (
+        [law for law in found if law.effects[-1].effect.code == code][:1] for code in (CHANGED, LINE)
+    )
+    leaders = {id(law) for law in (*found[:1], *changes, *lines) if len(law.effects) == 1}
+    settled = [with_settled_ends(problem, law, 1, 0.0) if id(law) in leaders else law for law in found]
+    line = min((law.criterion for law in settled if law.effects[-1].effect.code == LINE), default=np.inf)
+    told = [law for law in settled if law.effects[-1].effect.code != CHANGED or law.criterion < line - HARDLY]
+    return sorted(told, key=lambda law: law.criterion)
 
 
 def _is_enough(problem: Problem, best: Candidate) -> bool:
