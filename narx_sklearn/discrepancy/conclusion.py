@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 import pandas as pd
@@ -338,13 +339,16 @@ def _scored(found: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings)
 
 
 def _by_session(found: Conclusion, stretches: Sequence[Stretch]) -> list[tuple]:
-    """Return with each stretch the simulator with its session's own parameters, and about where it begins."""
-    parts = {int(part.problem.windows.began[0]): part.fit for part in found.diagnosis.apart}
-    simulator = found.diagnosis.problem.simulator
-    return [
-        (s, simulator.with_parameters(parts[s.began].model.p), found.guess_of(parts[s.began]), None)
-        for s in stretches
-    ]
+    """Return with each stretch the simulator with its session's own parameters, and about where it begins.
+
+    A session that was held out as a whole has those of all.
+    """
+    diagnosis = found.diagnosis
+    fits = {int(part.problem.windows.began[0]): part.fit for part in diagnosis.apart}
+    own = [fits.get(stretch.began, diagnosis.best.fit) for stretch in stretches]
+    simulators = [diagnosis.problem.simulator.with_parameters(fit.model.p) for fit in own]
+    guesses = [found.guess_of(fit) for fit in own]
+    return list(zip(stretches, simulators, guesses, repeat(None), strict=False))
 
 
 def _without_drifts(whole: Conclusion, u: np.ndarray, y: np.ndarray, settings: Settings) -> Conclusion | None:

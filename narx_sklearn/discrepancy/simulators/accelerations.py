@@ -109,7 +109,7 @@ def with_accelerations(output: Any, found: tuple[Acceleration, ...], n_states: i
         output(x, u, p, written, n_states, n_u, n_p, n_written)
         for k in range(into.size):
             off = offsets[k]
-            for m in range(n_p):
+            for m in range(weights.shape[1]):
                 off += weights[k, m] * p[m]
             written[into[k]] = factors[k] * x[n_states + of[k]] + off
 
