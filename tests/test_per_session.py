@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.conclusion import _by_session
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit
 from narx_sklearn.discrepancy.noise import Noise
@@ -130,6 +131,13 @@ class TestOneParameterInEachSession:
         assert errors["by session"] < 0.02
         assert errors["augmented"] > 10 * errors["by session"]
         assert "   by session 1" in springs.report_
+
+    def test_a_session_that_was_held_out_as_a_whole_has_those_of_all(self, springs):
+        conclusion = springs.conclusion_
+        known, unknown = (conclusion.stretches[1], conclusion.stretches[1]._replace(began=7))
+        own, of_all = (simulator.nominal for _, simulator, *_ in _by_session(conclusion, [known, unknown]))
+        assert own[2] == pytest.approx(STIFF[1], rel=0.02)
+        np.testing.assert_array_equal(of_all, conclusion.diagnosis.best.fit.model.p)
 
 
 def test_one_payload_is_a_refit_and_no_more():
