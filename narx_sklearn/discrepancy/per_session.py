@@ -17,7 +17,7 @@ def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
         return []
     parameters = diagnosis.problem.simulator.parameters
     values, sure = own_parameters(diagnosis.apart)
-    told = np.flatnonzero(differing(diagnosis.apart)).tolist()
+    told = np.flatnonzero(differing(values, sure)).tolist()
     together = diagnosis.together or Part(diagnosis.problem, diagnosis.refitted)
     before, after = (float(np.sqrt(_left(parts))) for parts in ([together], diagnosis.apart))
     listed = "; ".join(

@@ -17,10 +17,8 @@ A_LITTLE = -0.02, -0.01, -0.005, 0.005, 0.01, 0.02  # of a value, by which what 
 FARTHEST = 8  # samples by which an end of what happened once is moved in each round
 IN_SIGHT = (0.03, 0.1, 0.25)  # of a signal's values, beyond which levels are tried
 BEGUN = (0.9, 0.3, 0.1)  # shares of the ends of its range at which what is lacking at first is tried
-ALL_OVER = (
-    0.0,
-    *(s for share in (0.03, 0.1, 0.25, 0.5, 0.75, 1.0) for s in (-share, share)),
-)  # of half a range
+# of half the range in which a memory may begin, from its middle, and then from the best of these
+ALL_OVER = 0.0, -0.03, 0.03, -0.1, 0.1, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0
 NEARBY = -0.12, -0.06, 0.06, 0.12
 MOST_SESSIONS = 12  # of which each begins by itself
 BY_CHANCE = 4.0  # noise variances that the beginning of each session has to take off
@@ -41,8 +39,7 @@ def other_valleys(problem: Problem, found: Fit) -> Fit:
     for octaves in OCTAVES:
         before = found
         last = before.model.effects[-1]
-        n_held = 0 if last.effect.chosen else last.n_theta
-        others = directions(before.jacobian[:, :, : before.model.q.size - n_held])
+        others = _directions_but(before, 0 if last.effect.chosen else last.n_theta)
         tried = _tried_round(problem, last, octaves)
         models = [_with_last(before.model, last.at(theta)) for theta in tried]
         left = np.array([_left_by(problem, before, others, model) for model in models])
@@ -63,7 +60,7 @@ def _moved_little(problem: Problem, found: Fit) -> Fit:
     last = found.model.effects[-1]
     if not last.effect.valleys:
         return found
-    others = directions(found.jacobian[:, :, : found.model.q.size - last.n_theta])
+    others = _directions_but(found, last.n_theta)
     lower, upper = last.bounds.T
     best, least = last, found.cost
     for k in np.flatnonzero((upper > lower) & (np.arange(last.n_theta) != last.effect.begin)).tolist():
@@ -83,10 +80,12 @@ def _from_where_it_is_felt(problem: Problem, found: Fit) -> Fit:
     Of that little, a limit in code has no slope. Only what would leave less as it stands is fitted.
     """
     last = found.model.effects[-1]
-    others = directions(found.jacobian[:, :, : found.model.q.size - last.n_theta])
     models = [_with_last(found.model, last.at(theta)) for theta in begun_elsewhere(last)]
+    if not models:
+        return found
+    others = _directions_but(found, last.n_theta)
     left = [_left_by(problem, found, others, model) for model in models]
-    if not models or min(left) >= found.cost:
+    if min(left) >= found.cost:
         return found
     better = fit(problem, models[int(np.argmin(left))], iterations=SETTLED)
     return min(found, better, key=lambda f: f.cost)
@@ -105,7 +104,7 @@ def _begun_apart(problem: Problem, found: Fit) -> Fit:
     lower, upper = last.bounds[begin]
     sessions = np.unique(problem.windows.began)
     at = np.array([dict(last.begins).get(int(began), last.theta[begin]) for began in sessions])
-    least = _left_in_sessions(problem, found, _with_last(found.model, last))
+    least = _left_in_sessions(problem, found, found.model)
     for shares in (ALL_OVER, NEARBY):
         middle = at if shares is NEARBY else 0.5 * (lower + upper)
         tried = np.clip(middle + 0.5 * (upper - lower) * np.array(shares)[:, None], lower, upper)
@@ -254,6 +253,11 @@ def _settled(problem: Problem, model: Model) -> Fit:
 
 def _with_last(model: Model, effect: PlacedEffect) -> Model:
     return model._replace(effects=(*model.effects[:-1], effect))
+
+
+def _directions_but(found: Fit, n_held: int) -> np.ndarray:
+    """Return the directions of all that was fitted but the last values, which are held."""
+    return directions(found.jacobian[:, :, : found.model.q.size - n_held])
 
 
 def _left_by(problem: Problem, found: Fit, others: np.ndarray, model: Model) -> float:

@@ -65,9 +65,11 @@ def own_parameters(parts: Sequence[Part], level: float = LEVEL) -> tuple[np.ndar
     return values, np.array([intervals(*part, level)[: values.shape[1]] for part in parts])
 
 
-def differing(parts: Sequence[Part]) -> np.ndarray:
-    """Tell which parameters are surely not the same in all sessions, (n_p,); all where none alone is."""
-    values, sure = own_parameters(parts)
+def differing(values: np.ndarray, sure: np.ndarray) -> np.ndarray:
+    """Tell which parameters are surely not the same in all sessions, (n_p,); all where none alone is.
+
+    Of what ``own_parameters`` returns, at ``LEVEL``.
+    """
     told = np.array(
         [differs(v, s, values.shape[1]) for v, s in zip(values.T, sure.swapaxes(0, 1), strict=True)]
     )
@@ -98,7 +100,7 @@ def in_common(parts: Sequence[Part]) -> InCommon | None:
     One set for all sessions bends them to make up for those that do differ. None where a session tells them
     together with others alone.
     """
-    indices = np.flatnonzero(~differing(parts))
+    indices = np.flatnonzero(~differing(*own_parameters(parts)))
     if not indices.size:
         return None
     weight, weighted = np.zeros((indices.size, indices.size)), np.zeros(indices.size)
