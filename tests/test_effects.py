@@ -68,6 +68,7 @@ PLACES = {
     "bouc_wen_hysteresis": "input state",
     "prandtl_ishlinskii": "input state",
     "creep": "state output",
+    "linear_stiffness": "state",
     "cubic_stiffness": "state",
     "quadratic_stiffness": "state",
     "bilinear_stiffness": "state",
@@ -91,6 +92,7 @@ PLACES = {
     "periodic_disturbance": "state output",
     "extra_mode": "state output",
     "coupling": "state",
+    "cross_sensitivity": "output",
 }
 ALL = [CATALOGUE[code] for code in sorted(BUILT_IN)]
 FORCES = [effect for effect in ALL if effect.force is not None]
@@ -314,6 +316,7 @@ class TestForces:
             ("overflow", [5.0], {"argument": 4.0, "own": 3.0}, 0.0),
             ("overflow", [5.0], {"argument": 5.0, "own": 3.0}, -3.0),
             ("overflow", [5.0], {"argument": 6.0, "own": -3.0}, 0.0),  # falls freely
+            ("linear_stiffness", [2.0, 0.5], {"argument": -2.0}, 5.0),
             ("cubic_stiffness", [2.0], {"argument": -2.0}, 16.0),
             ("quadratic_stiffness", [2.0], {"argument": -2.0}, -8.0),
             ("bilinear_stiffness", [2.0, -1.0], {"argument": -3.0}, 6.0),
@@ -427,7 +430,8 @@ def placed_on_mass(effect, theta, kind="state"):
     weights = (
         ((1.0, 0.0) if effect.argument in ("position", "any") else (0.0, 1.0)) if kind == "state" else ()
     )
-    second = {"input": (1.0, 0.0, 0.0, 0.0), "channel": (0.0, 1.0, 0.0, 0.0)}.get(effect.second, ())
+    channel = (0.0, 1.0, 0.0, 0.0)
+    second = {"input": (1.0, 0.0, 0.0, 0.0), "channel": channel, "other": channel}.get(effect.second, ())
     return PlacedEffect(effect, Port(kind, 1 if kind == "state" else 0), weights, second, theta=tuple(theta))
 
 
@@ -446,7 +450,7 @@ class TestRuns:
             signal = x[:, 0] if effect.argument in ("position", "any") else x[:, 1]
         else:
             own = signal
-        second = {"input": u[:, 0], "channel": u[:, 1]}.get(effect.second)
+        second = {"input": u[:, 0], "channel": u[:, 1], "other": u[:, 1]}.get(effect.second)
         setting = setting_of(signal, own=own, second=second)
         starts = effect.starts(setting)
         if effect.code == "root_outflow":

@@ -276,7 +276,8 @@ class TestPlaces:
             placed = placements(CATALOGUE[code], two, structure)
             return {(p.port.index, p.second_name) for p in placed if p.port.kind == kind}
 
-        assert told("coupling", "state") == {(1, "motor y"), (1, "hall"), (3, "motor x"), (3, "hall")}
+        others = {(1, "motor y"), (1, "y"), (1, "vy"), (3, "motor x"), (3, "x"), (3, "vx")}
+        assert told("coupling", "state") == {*others, (1, "hall"), (3, "hall")}
         seconds = {(0, "motor y"), (0, "hall"), (1, "motor x"), (1, "hall"), (2, "motor x"), (2, "motor y")}
         assert told("temperature_gain", "input") <= seconds
         assert {(0, "motor y"), (0, "hall"), (1, "motor x")} <= told("temperature_gain", "input")

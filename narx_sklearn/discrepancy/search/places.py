@@ -55,7 +55,14 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
         for i in np.flatnonzero(structure.follows | structure.paced).tolist():
             places.append(at_state(effect, i, simulator))
     all_of_it = [
-        replace(placed, second=weights, second_name=name, second_unit=unit, onward=onward)
+        replace(
+            placed,
+            second=weights,
+            second_name=name,
+            second_unit=unit,
+            onward=onward,
+            odd=placed.odd or _is_of_its_rate(placed, weights, structure),
+        )
         for placed in places
         for weights, name, unit in _seconds(placed, simulator, structure)
         for onward in _onward(placed, simulator, structure)
@@ -269,24 +276,68 @@ def _is_odd(effect: Effect, i: int, simulator: Simulator, structure: Structure, 
 def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     """Yield (weights, name, unit) of the second arguments that an effect may have at its place."""
     kind, i = placed.effect.second, placed.port.index
-    n_inputs, n_states = len(simulator.inputs), len(simulator.states)
+    n_inputs = len(simulator.inputs)
     channels = structure.channels.tolist()
     driving = _feeds(placed, structure) if placed.port.kind == "state" else []
     columns = {
         None: [],
-        "channel": _others(placed, structure),
+        "channel": _others(placed, structure) + _unfelt(placed, structure),
         "input": [j for j in range(n_inputs) if j not in channels],
         "drive": driving,
         "feed": driving,
+        "other": _unread(placed, structure),
     }[kind]
     if kind in (None, "drive", "feed"):
         yield (), "", ""
+    signals = (*simulator.inputs, *simulator.states)
     for j in columns:
         if placed.port != Port("input", j):
-            yield weights_of(n_inputs + n_states, {j: 1.0}), *simulator.inputs[j]
+            yield weights_of(len(signals), {j: 1.0}), *signals[j]
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
             yield (*[0.0] * n_inputs, *weights), name, unit
+
+
+def _unread(placed: PlacedEffect, structure: Structure) -> list[int]:
+    """Return the inputs and states that were recorded and of which, or of whose rate, an output is not made.
+
+    States are those that other outputs show. All are counted as inputs, and then states.
+    """
+    if placed.port.kind != "output":
+        return []
+    n_inputs = structure.inputs.shape[1]
+    own = np.flatnonzero(structure.read[placed.port.index]).tolist()
+    for j, partner in enumerate(structure.partner):
+        if partner >= 0 and {n_inputs + j, n_inputs + partner} & set(own):
+            own += [n_inputs + j, n_inputs + partner]
+    recorded = [*range(n_inputs), *np.flatnonzero(structure.read[:, n_inputs:].any(axis=0)) + n_inputs]
+    return [int(j) for j in recorded if j not in own]
+
+
+def _is_of_its_rate(placed: PlacedEffect, second: tuple[float, ...], structure: Structure) -> bool:
+    """Tell whether another signal, that a sensor may feel, drives what it shows: so does one that is late."""
+    if placed.effect.second != "other":
+        return False
+    n_inputs = structure.inputs.shape[1]
+    felt = np.concatenate([structure.inputs, structure.states], axis=1)
+    read = np.flatnonzero(structure.read[placed.port.index, n_inputs:])
+    return bool(felt[read][:, np.flatnonzero(second)].any())
+
+
+def _unfelt(placed: PlacedEffect, structure: Structure) -> list[int]:
+    """Return the states that may drive an equation though it does not say so, counted behind the inputs.
+
+    They are those of other motions than the equation feels that an output shows, and their rates.
+    """
+    if placed.port.kind != "state" or placed.effect.argument != "none":
+        return []
+    i, n_inputs = placed.port.index, structure.inputs.shape[1]
+    felt = structure.states[i].copy()
+    felt[i] = True
+    shown = np.any(structure.read[:, n_inputs:], axis=0)
+    motions = [{j, of} - {-1} for j, of in enumerate(structure.partner)]
+    near = {k for motion in motions for k in motion if felt[list(motion)].any()}
+    return [n_inputs + j for j, motion in enumerate(motions) if shown[list(motion)].any() and j not in near]
 
 
 def _feeds(placed: PlacedEffect, structure: Structure) -> list[int]:

@@ -234,7 +234,7 @@ HYSTERESIS = (
         met_on="motion",
         lookalikes=("viscous_damping", "presliding_friction", "backlash", "prandtl_ishlinskii"),
         # what yields at once is a play, or friction; what never does, a spring from where one began
-        holds=("backlash", "coulomb_friction", "constant_load", "sensor_bias"),
+        holds=("backlash", "coulomb_friction", "linear_stiffness", "constant_load", "sensor_bias"),
         separate_by="loops at three rates, and minor loops",
         source="Wen 1976, J. Eng. Mech. Div. ASCE 102(2); Ismail, Ikhouane and Rodellar 2009, Arch. Comput. "
         "Methods Eng. 16(2), sec. 2 (bounded for all motions where b + g > 0, that is r > -1)",
@@ -264,7 +264,7 @@ HYSTERESIS = (
         jumps=True,
         met_on="motion",
         lookalikes=("bouc_wen_hysteresis", "backlash", "presliding_friction", "creep"),
-        holds=("backlash", "coulomb_friction", "constant_load", "sensor_bias"),
+        holds=("backlash", "coulomb_friction", "linear_stiffness", "constant_load", "sensor_bias"),
         same_law=("presliding_friction",),  # of many slip elements (Lampaert, Al-Bender and Swevers 2003)
         reach=1,
         separate_by="first-order reversal curves",
@@ -290,7 +290,11 @@ HYSTERESIS = (
         argument="position",
         n_memory=N_LAGS,
         lookalikes=("additive_drift", "extra_mode", "lag", "prandtl_ishlinskii"),
-        holds=("constant_load", "sensor_bias"),  # slower than any record it is that spring too
+        holds=(
+            "linear_stiffness",
+            "constant_load",
+            "sensor_bias",
+        ),  # slower than any record it is that spring too
         separate_by="long holds at several levels",
         source="Croft, Shed and Devasia 2001, J. Dyn. Syst. Meas. Control 123(1), sec. 2",
         narx_terms="a slow pole: longer lags of y",

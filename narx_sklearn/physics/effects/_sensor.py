@@ -8,7 +8,7 @@ from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._series import SHORTEST_HOLD, held_runs
-from narx_sklearn.physics.effects._starts import grid, spread, telling
+from narx_sklearn.physics.effects._starts import grid, scaled, spread, telling, working_points
 
 FARTHEST = 4.0  # noise deviations that a reading which is held may be off
 HALF = 0.5  # of a sample, so that which samples are held does not depend on rounding
@@ -20,6 +20,17 @@ LEVELS = 2**16  # on which a signal's values are gathered; steps of less than ei
 LOOKED_AT = 20  # of the best steps, that are tried as they are
 LONGEST_MEMORY = 0.99  # of noise, share of a sample that the next one keeps
 FEW = 0.25  # distinct values a sample, below which a signal is taken to be quantised
+
+
+def _cross_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (second - theta[1])
+
+
+def _cross_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None or spread(setting.second) == 0:
+        return np.empty((0, 2))
+    rows = grid([1.0], working_points(setting.second)[-1:])
+    return scaled(setting, rows, lambda row: setting.second - row[1])
 
 
 def _steps(level, q):
@@ -224,6 +235,23 @@ def _quantisation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 SENSOR = (
+    Effect(
+        code="cross_sensitivity",
+        title="Sensor that feels another signal",
+        sentence="The sensor shows a part of another signal too.",
+        equation="s + b (w - reference), with w the other signal",
+        parameters=(EffectParameter("b", "{port}/({second})"), EffectParameter("reference", "{second}")),
+        references=(1,),
+        starts=_cross_starts,
+        transform=_cross_transform,
+        input_port=False,
+        second="other",
+        lookalikes=("lag", "delay", "extra_mode", "sensor_bias"),
+        holds=("sensor_bias",),
+        separate_by="varying that signal alone",
+        source="JCGM 200:2012, International Vocabulary of Metrology, 4.13 (influence quantities: 2.52)",
+        narx_terms="that signal as a further input, and the constant",
+    ),
     Effect(
         code="quantisation",
         title="Coarse steps",

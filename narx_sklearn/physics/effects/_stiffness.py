@@ -1,4 +1,4 @@
-"""Stiffness that is not linear, and an input that acts through a polynomial."""
+"""Stiffness, of a spring that is missing or not linear, and an input that acts through a polynomial."""
 
 import numpy as np
 
@@ -20,6 +20,11 @@ MOSTLY = np.array([[1.0, 0.1], [0.1, 1.0]])  # a square with a little of a cube,
 
 
 @kernel
+def _linear(argument, rate, own, second, time, step, z, theta, dz):
+    return -theta[0] * (argument - theta[1])
+
+
+@kernel
 def _cubic(argument, rate, own, second, time, step, z, theta, dz):
     return -theta[0] * argument * argument * argument
 
@@ -38,6 +43,13 @@ def _one_side(x, side):
 @kernel
 def _bilinear(argument, rate, own, second, time, step, z, theta, dz):
     return -theta[0] * _one_side(argument, theta[1])
+
+
+def _linear_starts(setting: Setting) -> np.ndarray:
+    if spread(setting.argument) == 0:
+        return np.empty((0, 2))
+    rows = grid([1.0], working_points(setting.argument)[-1:])
+    return scaled(setting, rows, lambda row: setting.argument - row[1])
 
 
 def _cubic_starts(setting: Setting) -> np.ndarray:
@@ -99,6 +111,23 @@ def _bilinear_stiffness_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 STIFFNESS = (
+    Effect(
+        code="linear_stiffness",
+        title="Spring, leak or loss in proportion",
+        sentence="What pulls it back grows in proportion to how far it is from a point: a spring, a leak, "
+        "heat that is lost.",
+        equation="-k (x - r)",
+        parameters=(EffectParameter("k", "{port}/({arg})"), EffectParameter("r", "{arg}")),
+        references=(1,),
+        starts=_linear_starts,
+        force=_linear,
+        argument="position",
+        lookalikes=("constant_load", "clearance", "bilinear_stiffness", "root_outflow", "extra_mode"),
+        holds=("constant_load",),
+        separate_by="holding it at several levels",
+        source="Hooke 1678, Lectures de Potentia Restitutiva; Newton 1701, Scala graduum Caloris (of heat)",
+        narx_terms="y[k-1] and the constant",
+    ),
     Effect(
         code="cubic_stiffness",
         title="Cubic stiffness",

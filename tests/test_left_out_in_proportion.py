@@ -1,0 +1,145 @@
+"""What is in proportion and was left out: a spring, a loss of heat, what another signal brings in."""
+
+import numpy as np
+import pytest
+
+from narx_sklearn.discrepancy import DiscrepancyRegressor, ODESimulator
+from narx_sklearn.discrepancy.search.places import placements
+from narx_sklearn.discrepancy.simulators.structure import find_structure
+from narx_sklearn.physics.effects import CATALOGUE
+
+RIVALS = ["linear_stiffness", "constant_load", "viscous_damping", "coupling", "cross_sensitivity", "lag"]
+
+
+def levels(rng, n, held, low=-1.0, high=1.0):
+    return np.repeat(rng.uniform(low, high, n // held + 1), held)[:n, None]
+
+
+def told(simulator, truth, u, rng, effects=(), share=0.01):
+    """Return a diagnosis of what a true simulator does, with noise."""
+    y = truth.simulate(u)
+    y = y + share * y.std(axis=0) * rng.standard_normal(y.shape)
+    return DiscrepancyRegressor(simulator, effects=[*RIVALS, *effects], random_state=0).fit(u, y)
+
+
+def slide(spring=0.0, at=0.0, mass=1.5, rubs=3.0):
+    def rates(x, u, p):
+        return x[1], (u[0] - p[1] * x[1] - spring * (x[0] - at)) / p[0]
+
+    return ODESimulator(
+        rates,
+        dt=0.01,
+        parameters={"mass": mass, "rubs": rubs},
+        states=["x [m]", "v [m/s]"],
+        inputs=["force [N]"],
+        output=lambda x, u, p: (x[0],),
+        outputs=["x [m]"],
+    )
+
+
+def bodies(loss=0.0, **changed):
+    """Return two bodies that exchange heat, of which the second loses some; the first too, if told so."""
+    parameters = {"C1": 900.0, "k": 2.0, "C2": 2500.0, "lost": 0.8} | changed
+
+    def rates(x, u, p):
+        between = p[1] * (x[0] - x[1])
+        return (u[0] - between - loss * (x[0] - 21.0)) / p[0], (between - p[3] * (x[1] - 21.0)) / p[2]
+
+    return ODESimulator(
+        rates,
+        dt=10.0,
+        parameters=parameters,
+        states=["T1 [degC]", "T2 [degC]"],
+        inputs=["power [W]"],
+        output=(0, 1),
+        x0=[21.0, 21.0],
+    )
+
+
+def motor(back=0.08, feels=0.0, pick_up=0.0, **changed):
+    """Return a motor whose current feels its speed by ``back``; what its sensors pick up of other signals."""
+    parameters = {"J": 2e-3, "K": 0.08, "b": 1e-3, "R": 1.2, "L": 6e-3} | changed
+
+    def rates(x, u, p):
+        return (p[1] * x[1] - p[2] * x[0]) / p[0], (u[0] - p[3] * x[1] - back * x[0]) / p[4]
+
+    return ODESimulator(
+        rates,
+        dt=0.002,
+        parameters=parameters,
+        states=["w [rad/s]", "i [A]"],
+        inputs=["u [V]"],
+        output=lambda x, u, p: (x[0] + feels * x[1], x[1] + pick_up * u[0]),
+        outputs=["w [rad/s]", "i [A]"],
+    )
+
+
+def test_a_spring_that_was_left_out_is_told_with_its_rest():
+    rng = np.random.default_rng(0)
+    found = told(
+        slide(mass=1.7, rubs=2.5), slide(40.0, 0.05), levels(rng, 3000, 30, -10, 10), rng, ["clearance"]
+    )
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "linear_stiffness", "state:1")
+    assert finding.parameters["k"] == pytest.approx(40 / 1.5, rel=0.01)
+    assert finding.parameters["r"] == pytest.approx(0.05, abs=0.003)
+    assert found.parameters_.loc["mass", "augmented"] == pytest.approx(1.5, rel=0.01)
+
+
+def test_a_loss_of_heat_that_was_left_out_is_no_body_that_follows():
+    rng = np.random.default_rng(1)
+    nominal = bodies(C1=1000.0, k=1.7, C2=2300.0, lost=0.9)
+    u = levels(rng, 2000, 60, 0.0, 150.0)
+    found = told(nominal, bodies(1.2), u, rng, ["extra_mode"], share=0.003)
+    (finding,) = found.findings_
+    assert (finding.effect, finding.port) == ("linear_stiffness", "state:0")
+    assert finding.parameters["k"] == pytest.approx(1.2 / 900, rel=0.03)
+    assert finding.parameters["r"] == pytest.approx(21.0, abs=0.5)
+    assert found.parameters_.loc["k", "augmented"] == pytest.approx(2.0, rel=0.03)
+
+
+def test_a_state_may_drive_another_whose_equation_does_not_say_so():
+    rng = np.random.default_rng(2)
+    nominal = motor(back=0.0, J=2.3e-3, b=1.2e-3, R=1.0, L=7e-3)
+    found = told(nominal, motor(), levels(rng, 3000, 40, -12, 12), rng)
+    (finding,) = found.findings_
+    # where the motor's friction is free of sign, a current that is read with a part of the speed is the same
+    assert "coupling" in (finding.effect, *finding.lookalikes)
+    assert found.scores_.loc["augmented", "nrmse"] < 0.02
+
+
+def test_a_sensor_may_show_a_part_of_another_signal():
+    rng = np.random.default_rng(3)
+    nominal = motor(J=2.3e-3, K=0.07, b=1.2e-3, R=1.0, L=7e-3)
+    found = told(nominal, motor(pick_up=0.15), levels(rng, 3000, 40, -12, 12), rng)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "cross_sensitivity", "output:1")
+    assert finding.parameters["b"] == pytest.approx(0.15, rel=0.03)
+    assert found.parameters_.loc["R", "augmented"] == pytest.approx(1.2, rel=0.01)
+
+
+class TestPlaces:
+    def places(self, code, simulator):
+        rng = np.random.default_rng(4)
+        x = rng.standard_normal((200, len(simulator.states)))
+        structure = find_structure(simulator, x, rng.standard_normal((200, len(simulator.inputs))))
+        return placements(CATALOGUE[code], simulator, structure)
+
+    def test_a_spring_acts_on_the_position_and_a_loss_on_the_state_itself(self):
+        assert [(p.port.index, p.weights) for p in self.places("linear_stiffness", slide())] == [
+            (1, (1.0, 0.0))
+        ]
+        found = {(p.port.index, p.weights) for p in self.places("linear_stiffness", bodies())}
+        assert {(0, (1.0, 0.0)), (1, (0.0, 1.0))} <= found
+
+    def test_a_state_couples_into_an_equation_that_does_not_feel_it(self):
+        (back,) = self.places("coupling", motor(back=0.0))
+        assert (back.port.index, back.second, back.second_name) == (1, (0.0, 1.0, 0.0), "w")
+        assert self.places("coupling", motor()) == []
+        assert self.places("coupling", slide()) == []  # a position and its own rate
+
+    def test_a_sensor_feels_what_it_is_not_made_of_and_what_drives_that_is_odd(self):
+        found = {(p.port.index, p.second_name): p.odd for p in self.places("cross_sensitivity", motor())}
+        assert found == {(0, "u"): False, (0, "i"): True, (1, "u"): True, (1, "w"): True}
+        slid = {p.second_name: p.odd for p in self.places("cross_sensitivity", slide())}
+        assert slid == {"force": False}
