@@ -119,11 +119,11 @@ def test_a_sensor_may_show_a_part_of_another_signal():
 
 
 class TestPlaces:
-    def places(self, code, simulator):
+    def places(self, code, simulator, held=5):
         rng = np.random.default_rng(4)
         x = rng.standard_normal((200, len(simulator.states)))
-        structure = find_structure(simulator, x, rng.standard_normal((200, len(simulator.inputs))))
-        return placements(CATALOGUE[code], simulator, structure)
+        u = np.repeat(rng.standard_normal((200 // held, len(simulator.inputs))), held, axis=0)
+        return placements(CATALOGUE[code], simulator, find_structure(simulator, x, u))
 
     def test_a_spring_acts_on_the_position_and_a_loss_on_the_state_itself(self):
         assert [(p.port.index, p.weights) for p in self.places("linear_stiffness", slide())] == [
@@ -143,3 +143,7 @@ class TestPlaces:
         assert found == {(0, "u"): False, (0, "i"): True, (1, "u"): True, (1, "w"): True}
         slid = {p.second_name: p.odd for p in self.places("cross_sensitivity", slide())}
         assert slid == {"force": False}
+
+    def test_what_may_come_from_a_controller_is_nothing_that_a_sensor_feels(self):
+        """It has the noise of what it controls in it, which it would explain."""
+        assert self.places("cross_sensitivity", slide(), held=1) == []

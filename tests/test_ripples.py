@@ -1,4 +1,4 @@
-"""A gain that ripples with an angle: tried for what enters an equation, told where no name does it."""
+"""A gain, or a reading, that ripples with an angle: told where no name does it."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.search.detect import NONE_SILENT
 from narx_sklearn.discrepancy.search.explain import refit_leaders
 from narx_sklearn.discrepancy.search.ranking import leaders
-from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.ripples import reading_hypotheses, ripple_hypotheses
 from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
@@ -145,3 +145,41 @@ def test_a_pump_that_ripples_is_told_and_its_model_holds_on_what_was_held_out():
     assert finding.parameters["N"] == pytest.approx(3.0, abs=0.02)
     left = dx.scores_["nrmse"]
     assert left["augmented"] < 0.5 * left["refitted"]
+
+
+class TestReadings:
+    def test_all_that_turns_round_has_whole_waves_whatever_its_unit(self):
+        y = np.linspace(0.0, 20.0, 500)[:, None] * [1.0, 0.1]
+        one, many = reading_hypotheses(make_pump(), y)[0], reading_hypotheses(make_pump(), y)
+        assert [h.placed.port.index for h in many] == [0] * 16 + [1] * 15
+        assert (one.placed.bounds[4] == (0.25, 1.75)).all()
+        (found,) = {
+            tuple(h.placed.bounds[4]) for h in reading_hypotheses(make_pump(unit="deg"), y * 180 / np.pi)[:1]
+        }
+        assert found == pytest.approx((0.25 * np.pi / 180, 1.75 * np.pi / 180))
+        assert reading_hypotheses(make_pump(), np.zeros((5, 2))) == []
+
+    @given(a=SIZES, b=SIZES, c=SIZES, d=SIZES, wave=st.floats(0.1, 9.0), s=SIZES)
+    def test_a_reading_is_off_by_two_harmonics(self, a, b, c, d, wave, s):
+        (law, *_) = reading_hypotheses(make_pump(), np.linspace(0.0, 20.0, 50)[:, None] * [1.0, 0.1])
+        theta, signal = np.array([a, b, c, d, wave]), np.array([s, 0.0])
+        read = law.placed.effect.transform(signal, None, DT, theta, np.zeros(1, int))
+        turned = wave * s
+        off = a * np.cos(turned) + b * np.sin(turned) + c * np.cos(2 * turned) + d * np.sin(2 * turned)
+        assert read == pytest.approx([s + off, a + c], abs=1e-12)
+        nothing = np.zeros(1)
+        assert law.placed.effect.force(s, 0.0, 0.0, 0.0, 0.0, DT, nothing, theta, nothing) == pytest.approx(
+            off
+        )
+
+    def test_a_disc_that_does_not_run_true_is_found_with_its_turn(self):
+        u, y = recorded()
+        y[:, 0] += 0.05 * np.sin(y[:, 0] + 0.9) + 0.02 * np.cos(2 * y[:, 0])
+        problem, base = refitted(u, y)
+        found = reading_hypotheses(problem.simulator, problem.run(base.model).y)
+        placed = leaders(make_bank(problem, base, found), 3, NONE_SILENT, 1.0)
+        law = refit_leaders(problem, base, placed, None, finished=1, twins=0)[0]
+        assert law.effects[-1].port == Port("output", 0)
+        told = (0.05 * np.sin(0.9), 0.05 * np.cos(0.9), 0.02, 0.0, 1.0)
+        assert law.effects[-1].theta == pytest.approx(told, abs=0.004)
+        assert law.fit.cost < 1.1 * problem.n_seen < 0.3 * base.cost

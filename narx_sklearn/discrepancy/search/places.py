@@ -301,7 +301,8 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
 def _unread(placed: PlacedEffect, structure: Structure) -> list[int]:
     """Return the inputs and states that were recorded and of which, or of whose rate, an output is not made.
 
-    States are those that other outputs show. All are counted as inputs, and then states.
+    States are those that other outputs show. All are counted as inputs, and then states. An input that drives
+    and may be a controller's has an output's noise in it: what the output has of it no record tells.
     """
     if placed.port.kind != "output":
         return []
@@ -310,8 +311,9 @@ def _unread(placed: PlacedEffect, structure: Structure) -> list[int]:
     for j, partner in enumerate(structure.partner):
         if partner >= 0 and {n_inputs + j, n_inputs + partner} & set(own):
             own += [n_inputs + j, n_inputs + partner]
-    recorded = [*range(n_inputs), *np.flatnonzero(structure.read[:, n_inputs:].any(axis=0)) + n_inputs]
-    return [int(j) for j in recorded if j not in own]
+    shown = np.flatnonzero(np.any(structure.read[:, n_inputs:], axis=0)) + n_inputs
+    inputs = {*np.flatnonzero(structure.stepped).tolist(), *structure.channels.tolist()}
+    return [j for j in (*sorted(inputs), *shown.tolist()) if j not in own]
 
 
 def _is_of_its_rate(placed: PlacedEffect, second: tuple[float, ...], structure: Structure) -> bool:

@@ -17,6 +17,7 @@ STEP = 1e-4  # of a signal's motion: far above rounding, and kinematics are stra
 ALIKE = 1e-6  # relative difference below which a derivative counts as the same
 MOVED = 0.3  # of a parameter, that may move where a state rests
 UNEVEN = 0.01  # relative difference above which an input's gain is another one elsewhere
+MOSTLY = 0.5  # of the samples
 
 
 class Probed(NamedTuple):
@@ -42,6 +43,7 @@ class Structure(NamedTuple):
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
     paced: np.ndarray  # (n_states,) bool: goes where others say, as fast as a parameter of its own says
+    stepped: np.ndarray  # (n_inputs,) bool: stays from most samples to the next, as nothing in a loop does
     controllers: tuple[Sum, ...] = ()  # what those among the equations put out
     couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
     errors: tuple[Sum, ...] = ()  # what controllers without an integral put out
@@ -168,10 +170,9 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    none = np.zeros(n, dtype=bool)
-    found = Structure(
-        tuple(partner), kinematic, depends, slopes, driven, of_parameters, gain, varies, read, none, none
-    )
+    none, stepped = np.zeros(n, dtype=bool), np.mean(u[1:] == u[:-1], axis=0) > MOSTLY
+    told = depends, slopes, driven, of_parameters, gain, varies, read, none, none, stepped
+    found = Structure(tuple(partner), kinematic, *told)
     if simulator.discrete or not points.size:
         return found
     alone = np.diag(depends) & (depends.sum(axis=1) == 1) & driven.any(axis=1) & ~kinematic

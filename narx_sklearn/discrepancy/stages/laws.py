@@ -17,7 +17,7 @@ from narx_sklearn.discrepancy.search.unnamed.memories import COEFFICIENTS, MEMOR
 from narx_sklearn.discrepancy.search.unnamed.one_place import place_hypotheses, step_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.products import product_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.radiation import radiation_hypotheses
-from narx_sklearn.discrepancy.search.unnamed.ripples import ripple_hypotheses
+from narx_sklearn.discrepancy.search.unnamed.ripples import reading_hypotheses, ripple_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.storage import storage_hypotheses
 from narx_sklearn.discrepancy.search.unnamed.switches import SWITCHES
 from narx_sklearn.discrepancy.simulators.structure import Structure
@@ -48,6 +48,7 @@ def best_laws(
         storage_hypotheses(simulator, structure, x),
         place_hypotheses(simulator, structure, x),
         ripple_hypotheses(simulator, structure, x),
+        reading_hypotheses(simulator, run.y[rows]),
         radiation_hypotheses(simulator, structure, problem.u[rows], x),
     )
     coefficients = enumerate_hypotheses(COEFFICIENTS, problem, run, structure, n_jobs=n_jobs)

@@ -14,7 +14,7 @@ STORED, STORED_BY_SQUARE = "unnamed_storage", "unnamed_storage_by_square"
 VARYING, CHANGED = "unnamed_dependence", "unnamed_change"  # of a parameter
 ONE_PLACE, STEP = "unnamed_force_near_one_place", "unnamed_force_that_steps"
 RADIATED = "unnamed_radiation"
-RIPPLED = "unnamed_gain_that_ripples"
+RIPPLED, RIPPLED_READING = "unnamed_gain_that_ripples", "unnamed_reading_that_ripples"
 WORKED, WORKED_BY_SQUARE = "unnamed_gain_after_work", "unnamed_gain_after_square"  # a gain that remembers
 AFTER_WORK, AFTER_SQUARE = "unnamed_coefficient_after_work", "unnamed_coefficient_after_square"
 TWO_SPEEDS, LOOP = "unnamed_lag_of_two_speeds", "unnamed_loop_of_a_reading"
@@ -166,6 +166,11 @@ WORDS = {
         "a gain that ripples with an angle or a position",
         "What one signal brings in here goes up and down with the other, as the flow of a pump or the "
         "torque of a motor does within a turn.",
+    ),
+    RIPPLED_READING: Words(
+        "a reading that ripples with what is measured",
+        "What is read is too high and too low by turns as what is measured goes on, at any speed, as of a "
+        "disc that does not run true or a scale whose lines are read unevenly.",
     ),
     DAMPED: Words(
         "a damping that the catalogue does not hold",

@@ -1,7 +1,7 @@
-"""A gain that ripples: what a signal brings in goes up and down with an angle or a position.
+"""What ripples with an angle or a position: a gain by which a signal comes in, or what a sensor reads.
 
 The flow of a pump by the angle of its rotor, a motor's torque by that of its windings, a screw's pitch by its
-place.
+place; what an encoder reads, by that of its disc.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,8 @@ from numba import njit
 from narx_sklearn.discrepancy.placed import Port
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.places import Argument, placed_at, weights_of
-from narx_sklearn.discrepancy.search.unnamed.kinds import RIPPLED, unnamed_law
+from narx_sklearn.discrepancy.search.unnamed.kinds import RIPPLED, RIPPLED_READING, unnamed_law
+from narx_sklearn.discrepancy.search.unnamed.linear import linear_hypothesis
 from narx_sklearn.discrepancy.simulators.simulator import Signal, Simulator
 from narx_sklearn.discrepancy.simulators.structure import Structure
 from narx_sklearn.model.units import scale_to
@@ -22,12 +23,56 @@ from narx_sklearn.physics.effects import EffectParameter
 TURN = 2 * np.pi
 A_TURN = np.arange(1.0, 17.0)  # waves tried of what turns round: whole, since it repeats
 A_RUN = np.arange(2.0, 17.0)  # the same over all that a run visits: what is not seen twice is no ripple
+WITHIN = 0.75  # of the way to the next number of waves, to which a reading's may go from one
 PHASES = (0.0, TURN / 4)
 
 
 @njit(nogil=True, cache=True)
 def _rippled(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * second * np.sin(theta[1] * argument + theta[2])
+
+
+@njit(nogil=True, cache=True)
+def _misread(argument, rate, own, second, time, step, z, theta, dz):
+    turned = theta[4] * argument
+    once = theta[0] * np.cos(turned) + theta[1] * np.sin(turned)
+    return once + theta[2] * np.cos(2.0 * turned) + theta[3] * np.sin(2.0 * turned)
+
+
+def _read(signal, second, dt, theta, first):
+    turned = theta[4] * signal
+    once = theta[0] * np.cos(turned) + theta[1] * np.sin(turned)
+    return signal + once + theta[2] * np.cos(2.0 * turned) + theta[3] * np.sin(2.0 * turned)
+
+
+def reading_hypotheses(simulator: Simulator, y: np.ndarray) -> list[Hypothesis]:
+    """Return a reading that ripples with what is measured, for each output and number of waves.
+
+    Parameters
+    ----------
+    y : ndarray of shape (n_samples, n_outputs)
+        Outputs of a run.
+    """
+    found = []
+    for i, (name, unit) in enumerate(simulator.outputs):
+        scale = scale_to(unit, "rad") if unit else None
+        waves = _waves(y[:, i] * (scale or 1.0), "rad" if scale is not None else "") * (scale or 1.0)
+        for wave in waves:
+            near = WITHIN * (waves[1] - waves[0])
+            shape = (EffectParameter("N", "1/({arg})", wave - near, wave + near),)
+            law = linear_hypothesis(
+                RIPPLED_READING,
+                "s + a cos(N s) + b sin(N s) + c cos(2 N s) + d sin(2 N s)",
+                ["a", "b", "c", "d"],
+                shape,
+                _misread,
+                Port("output", i),
+                Argument((), name, unit),
+                transform=_read,
+            )
+            spared = replace(law.placed, effect=replace(law.placed.effect, spare=(2, 3)))
+            found.append(law._replace(placed=spared))
+    return found
 
 
 def ripple_hypotheses(simulator: Simulator, structure: Structure, x: np.ndarray) -> list[Hypothesis]:
