@@ -275,6 +275,8 @@ def test_a_clearance_in_a_coupling(drive, n, name):
     simulator = plain(drive(shaft), n)
     found = placements(CATALOGUE["clearance"], simulator, structure_of(simulator))
     (placed,) = (p.at([1.0, GAP, 0.0]) for p in found if p.handed_on)
+    assert placed.name.code == "backlash"
+    assert {p.name.code for p in found if not p.handed_on} == {"clearance"}
     assert placed.argument_name == f"{name} + 0.03 s x its rate"
     u = np.repeat(np.random.default_rng(1).uniform(-40, 40, 30), 10)
     run, twin = simulator.with_effects([placed]).simulate(u), plain(drive(loose), n).simulate(u)
@@ -657,7 +659,7 @@ def test_a_clearance_in_a_coupling_is_named_though_long_runs_swing_out_of_step()
     dx = DiscrepancyRegressor(simulator, random_state=0).fit(torque, y)
     finding = dx.findings_[0]
     assert (dx.verdict_, len(dx.findings_)) == ("explained", 1)
-    assert (finding.effect, finding.port) == ("clearance", "state:2")
+    assert (finding.effect, finding.title, finding.port) == ("backlash", "Backlash", "state:2")
     assert finding.parameters["g"] == pytest.approx(gap, rel=0.05)
     assert finding.parameters["c"] == 0.0  # nothing shows from where a twist is counted
     found = {p.name: p.value for p in dx.simulator_.parameters}

@@ -79,14 +79,14 @@ def make_findings(
         untold = np.all(rows == domain, axis=1) & (np.ptp(domain, axis=1) > 0)
         found.append(
             Finding(
-                effect="unknown" if is_unnamed(placed) else placed.effect.code,
-                title=placed.effect.title,
+                effect="unknown" if is_unnamed(placed) else placed.name.code,
+                title=placed.name.title,
                 sentence=dependence_in_words(placed, rows, simulator)
                 or " ".join(
                     filter(
                         None,
                         (
-                            placed.effect.sentence,
+                            placed.name.sentence,
                             seen_in_words(placed),
                             alike_before(placed, own, told) or period_in_words(placed),
                             build_in_words(placed, own),
@@ -100,7 +100,7 @@ def make_findings(
                 parameters=dict(zip(names, map(float, values), strict=True)),
                 intervals=dict(zip(names, [(float(a), float(b)) for a, b in rows], strict=True)),
                 units=dict(zip(names, units, strict=True)),
-                lookalikes=tuple(dict.fromkeys(e.effect.code for c in rivals for e in _rivals(c, best))),
+                lookalikes=tuple(dict.fromkeys(e.name.code for c in rivals for e in _rivals(c, best))),
                 rivals=tuple(dict.fromkeys(_in_words(_rivals(c, best), simulator) for c in rivals)),
                 p_value=diagnosis.p_missing,
                 elsewhere=_elsewhere(diagnosis, i, simulator),
@@ -374,7 +374,7 @@ def _rivals(candidate: Candidate, best: Candidate) -> list[PlacedEffect]:
 
 
 def _in_words(effects: Iterable[PlacedEffect], simulator: Simulator) -> str:
-    return " and ".join(f"{placed.effect.title} {place_in_words(placed, simulator)}" for placed in effects)
+    return " and ".join(f"{placed.name.title} {place_in_words(placed, simulator)}" for placed in effects)
 
 
 def parameters_it_has(placed: PlacedEffect) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from narx_sklearn.physics.effects import PARAMETER, PORTS, Effect, PutOut
+from narx_sklearn.physics.effects import PARAMETER, PORTS, Effect, Name, PutOut
 
 
 class Span(NamedTuple):
@@ -276,6 +276,13 @@ class PlacedEffect:
     def is_on_sum(self) -> bool:
         """Whether it acts on what other equations have of a state in a sum with its rate."""
         return self.handed_on and bool(self.second)
+
+    @property
+    def name(self) -> Name:
+        """What it is called at its place."""
+        effect = self.effect
+        ordinary = Name(effect.code, effect.title, effect.sentence)
+        return (effect.in_coupling or ordinary) if self.is_on_sum else ordinary
 
     @property
     def of_sum(self) -> tuple:

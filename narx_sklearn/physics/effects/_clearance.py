@@ -6,7 +6,7 @@ from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._corner import between, kept_between
 from narx_sklearn.physics.effects._curves import of_level, plays
-from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting
+from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Name, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import (
@@ -328,6 +328,9 @@ CLEARANCE = (
         starts=_clearance_starts,
         force=_clearance,
         handed_on=_clearance_handed_on,
+        in_coupling=Name(
+            "backlash", "Backlash", "There is lost motion between the two: inside a gap nothing is passed on."
+        ),
         argument="position",
         acts_in=_beyond_gap,
         met_on="motion",

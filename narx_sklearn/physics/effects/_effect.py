@@ -41,6 +41,14 @@ class Power(NamedTuple):
     odd: bool  # whether it changes its sign with the argument
 
 
+class Name(NamedTuple):
+    """What an effect is called, and what is said of it."""
+
+    code: str
+    title: str
+    sentence: str
+
+
 class PutOut(NamedTuple):
     """What makes the output of a controller arrive later than it is put out: a force, or a dead time."""
 
@@ -203,6 +211,8 @@ class Effect:
         Codes of the effects that it becomes at an edge of its parameters.
     same_law : tuple of str
         Codes of the effects whose law it is too, under the name that it has in other machines.
+    in_coupling : Name, optional
+        What it is called where two bodies are coupled by what passes through it, if that has another name.
     reach : int or None
         Index of the parameter that tells after how long a move all of its memory has slipped, in the
         argument's unit. Within a motion that goes further it is a body's friction, and has the name that its
@@ -288,6 +298,7 @@ class Effect:
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
     same_law: tuple[str, ...] = ()
+    in_coupling: Name | None = None
     reach: int | None = None
     power: Power | None = None
     separate_by: str = ""
