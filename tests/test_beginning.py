@@ -91,8 +91,8 @@ class TestLatePieces:
     @pytest.mark.parametrize(
         ("code", "port", "theta"),
         [
-            ("creep", Port("output", 0), (0.3, 4.0, 1.0)),
-            ("creep", Port("state", 1), (3.0, 4.0, 1.0)),
+            ("creep", Port("output", 0), (0.3, 4.0, 1.0, 0.0)),
+            ("creep", Port("state", 1), (3.0, 4.0, 1.0, 0.0)),
             ("extra_mode", Port("state", 1), (0.5, 0.2, 0.01)),
         ],
     )

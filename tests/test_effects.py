@@ -93,6 +93,7 @@ PLACES = {
     "extra_mode": "state output",
     "coupling": "state",
     "cross_sensitivity": "output",
+    "scale_error": "input output",
 }
 ALL = [CATALOGUE[code] for code in sorted(BUILT_IN)]
 FORCES = [effect for effect in ALL if effect.force is not None]
@@ -349,7 +350,7 @@ class TestForces:
             ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0, 0.0], {"rate": 1.0, "z": [0.25]}, -1.0),
             ("bouc_wen_hysteresis", [4.0, 1.0, 1.0, 1.0, -0.5], {"rate": 1.0, "z": [0.25]}, 0.0),
             ("presliding_friction", [4.0, 0.1, 1.0, 1.0, 0.0], {"argument": 0.5, "z": [0.25]}, -1.0),
-            ("creep", [3.0, 1.0, 1.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
+            ("creep", [3.0, 1.0, 1.0, 0.0], {"z": [0.1, 0.2, 0.3]}, -0.6),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": np.nan}, 0.3),
             ("extra_mode", [3.0, 1.0, 0.1], {"z": [0.1, 0.2], "second": 5.0}, 0.3),
             ("prandtl_ishlinskii", [3.0, 1.0, 0.0, 0.0], {"argument": 0.4}, 0.0),
@@ -624,7 +625,9 @@ class TestTransforms:
             ("temperature_gain", [0.0, 1.0, 2.0]),
             ("bouc_wen_hysteresis", [0.0, 1.0, 1.0, 1.0, 0.0]),
             ("prandtl_ishlinskii", [1.0, 0.0, 0.0, 0.0]),
-            ("creep", [0.0, 1.0, 1.0]),
+            ("creep", [0.0, 1.0, 1.0, 0.0]),
+            ("scale_error", [0.0, 1.0]),
+            ("cross_sensitivity", [0.0, 1.0]),
             ("delay", [0.0, 0.0]),
             ("lag", [0.0, 0.0, 0.0]),
             ("lag", [0.0, 0.0, 1.0]),
@@ -653,7 +656,6 @@ class TestTransforms:
             ("asymmetric_rate_limit", [0.5, 0.0, 0.0, -0.3]),
             ("bouc_wen_hysteresis", [0.5, 1.0, 1.0, 1.0, 0.0]),
             ("prandtl_ishlinskii", [0.5, 1.0, 0.0, 0.0]),
-            ("creep", [0.5, 1.0, 1.0]),
             ("delay", [0.3, 0.0]),
             ("lag", [0.3, 0.0, 0.0]),
             ("lag", [0.3, 0.0, 1.0]),
@@ -663,6 +665,14 @@ class TestTransforms:
     def test_memory_begins_at_rest_on_the_first_value(self, code, theta):
         held = transformed(code, np.full(400, 3.7), theta)
         np.testing.assert_allclose(held, 3.7, rtol=1e-9)
+
+    def test_a_scale_and_what_is_felt_beside_it_worked_by_hand(self):
+        assert transformed("scale_error", [-2.0, 0.5, 4.0], [0.1, 1.5]).tolist() == pytest.approx(
+            [-2.35, 0.4, 4.25]
+        )
+        second = np.array([3.0, 2.0, 7.0])
+        felt = transformed("cross_sensitivity", [1.0, 1.0, -1.0], [0.5, 2.0], second=second)
+        assert felt.tolist() == [1.5, 1.0, 1.5]
 
     def test_saturation_dead_zone_and_steps_worked_by_hand(self):
         signal = [-2.0, -0.5, 0.5, 2.0]
@@ -870,7 +880,7 @@ class TestTransforms:
     def test_creep_goes_on_like_the_logarithm_of_time(self):
         """From T to ten T, the response to a step grows by nearly the same in each half octave."""
         step = np.concatenate([[0.0], np.ones(40000)])
-        slow = transformed("creep", step, [1.0, 1.0, 1.0])
+        slow = transformed("creep", step, [1.0, 1.0, 1.0, 0.0])
         at = np.searchsorted(np.arange(step.size) * DT, np.geomspace(1, 10, 7))
         growth = np.diff(slow[at])
         assert growth.max() / growth.min() < 1.4
@@ -880,12 +890,18 @@ class TestTransforms:
         signal = wideband() - wideband()[0]
         _, slow, _ = lsim(([1.0], [2.0, 1.0]), signal, np.arange(signal.size) * DT)
         np.testing.assert_allclose(
-            transformed("creep", signal, [0.4, 2.0, 0.0]), signal + 0.4 * slow, atol=1e-9
+            transformed("creep", signal, [0.4, 2.0, 0.0, 0.0]), signal + 0.4 * slow, atol=1e-9
         )
+
+    @pytest.mark.parametrize(("lacking", "at_first"), [(0.0, 2.4), (1.0, 2.0), (0.5, 2.2)])
+    def test_creep_begins_with_what_was_there_before_the_record(self, lacking, at_first):
+        held = transformed("creep", np.full(2000, 2.0), [0.2, 1.0, 0.0, lacking])
+        assert held[0] == pytest.approx(at_first)
+        assert held[-1] == pytest.approx(2.4, abs=1e-3)  # at rest whatever was before
 
     def test_creep_of_two_decades_follows_the_logarithm_of_time_over_them(self):
         step = np.concatenate([[0.0], np.ones(40000)])
-        slow = transformed("creep", step, [1.0, 0.5, 2.0])
+        slow = transformed("creep", step, [1.0, 0.5, 2.0, 0.0])
         at = np.searchsorted(np.arange(step.size) * DT, np.geomspace(0.5, 50, 9))
         line = np.polynomial.Polynomial.fit(np.arange(9), slow[at], 1)
         assert np.max(np.abs(line(np.arange(9)) - slow[at])) < 0.05
@@ -897,7 +913,7 @@ class TestTransforms:
             (_bouc_wen_run, (0.5, -1.4, 1.5, 0.4)),
             (_bouc_wen_run, (1e-4, 1.0, 1.0, 0.0)),
             (_weighted_plays_run, (1.0, 0.5, 0.3)),
-            (_creep_run, (DT, 0.5, 1.0)),
+            (_creep_run, (DT, 0.5, 1.0, 0.3)),
             (_plays_run, (0.3, 0.5, -0.7)),
             (_stiction_run, (0.5, 0.2, 0.5, 0.6)),
             (_rate_limit_run, (0.05, 0.03, 0.8)),

@@ -118,6 +118,34 @@ def test_a_sensor_may_show_a_part_of_another_signal():
     assert found.parameters_.loc["R", "augmented"] == pytest.approx(1.2, rel=0.01)
 
 
+def receiver(**changed):
+    """Return an air receiver, filled from a supply of 8 bar through a valve and emptied by what is drawn."""
+    parameters = {"volume": 9.0, "fills": 0.14, "leaks": 0.035} | changed
+    return ODESimulator(
+        lambda x, u, p: ((p[1] * u[0] * (8.0 - x[0]) - p[2] * x[0] - u[1]) / p[0],),
+        dt=2.0,
+        parameters=parameters,
+        states=["P [bar]"],
+        inputs=["valve", "drawn"],
+        outputs=["P [bar]"],
+        x0=[2.0],
+    )
+
+
+def test_a_sensor_may_be_of_another_scale():
+    rng = np.random.default_rng(5)
+    u = np.column_stack([levels(rng, 3000, 60, 0.2, 1.0), levels(rng, 3000, 45, 0.0, 0.3)])
+    y = 1.04 * receiver().simulate(u)
+    y += 0.02 * rng.standard_normal(y.shape)
+    off = receiver(volume=7.5, fills=0.16, leaks=0.03)
+    effects = [*RIVALS, "scale_error", "sensor_bias", "creep"]
+    found = DiscrepancyRegressor(off, effects=effects, random_state=0).fit(u, y)
+    (finding,) = found.findings_
+    assert "scale_error" in (finding.effect, *finding.lookalikes)
+    assert finding.port == "output:0"
+    assert found.parameters_.loc["volume", "augmented"] == pytest.approx(9.0, rel=0.02)
+
+
 class TestPlaces:
     def places(self, code, simulator, held=5):
         rng = np.random.default_rng(4)

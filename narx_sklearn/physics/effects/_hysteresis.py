@@ -6,10 +6,11 @@ from narx_sklearn.model.operators import play_step
 from narx_sklearn.model.phi import AbsoluteDifference, DifferenceSign, Phi
 from narx_sklearn.physics.effects._curves import plays
 from narx_sklearn.physics.effects._dynamics import SHORT, weights_along_line
-from narx_sklearn.physics.effects._effect import BEGIN, Effect, EffectParameter, Setting, at_most
+from narx_sklearn.physics.effects._effect import BEGIN, LACKING, Effect, EffectParameter, Setting, at_most
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
 from narx_sklearn.physics.effects._starts import (
+    at_signal,
     grid,
     quantiles,
     scaled,
@@ -166,26 +167,26 @@ def _creep(argument, rate, own, second, time, step, z, theta, dz):
 
 
 @kernel
-def _creep_run(values, dt, T, d):
-    """Return how far the slow followers have moved in the mean along values, at rest on the first."""
+def _creep_run(values, dt, T, d, lacking):
+    """Return where the slow followers of values are in the mean; they lack a share of the first one."""
     out = np.zeros(values.size)
     for i in range(N_LAGS):
         kept, old, new = weights_along_line(dt / max(_time_of_lag(i, T, d), SHORT * dt))
-        follower = values[0]
+        follower = (1.0 - lacking) * values[0]
         for k in range(values.size):
             if k > 0:
                 follower = kept * follower + old * values[k - 1] + new * values[k]
-            out[k] += (follower - values[0]) / N_LAGS
+            out[k] += follower / N_LAGS
     return out
 
 
 def _creep_transform(signal, second, dt, theta, first):
-    return signal + theta[0] * by_pieces(_creep_run, signal, first, dt, theta[1], theta[2])
+    return signal + theta[0] * by_pieces(_creep_run, signal, first, dt, theta[1], theta[2], theta[3])
 
 
 def _creep_starts(setting: Setting) -> np.ndarray:
     return scaled(
-        setting, grid([1.0], time_constants(setting, 5)[1:], [1.0]), _added(setting, _creep_transform)
+        setting, grid([1.0], time_constants(setting, 5)[1:], [1.0], [0.0]), _added(setting, _creep_transform)
     )
 
 
@@ -194,8 +195,10 @@ def _creep_limits(setting: Setting) -> np.ndarray:
 
     Slower ones are a spring; what is over at once is another gain, about where a session began.
     """
-    limits = at_most(3, 1, time_looked_at(setting))
+    limits = at_most(4, 1, time_looked_at(setting))
     limits[1, 0] = setting.dt
+    if not at_signal(setting):  # what creeps in an equation is at rest at first
+        limits[3] = 0.0
     return limits
 
 
@@ -275,13 +278,16 @@ HYSTERESIS = (
         code="creep",
         title="Creep",
         sentence="After every step it goes on a little, ever more slowly.",
-        equation="g (mean of L_Ti[s] - s), added in a state equation; s + g (mean of L_Ti[s] - s at first) "
-        "at an output; slow lags Ti = T 10^(d i/2), i = 0, 1, 2: one slow pole (d = 0) to three decades",
+        equation="g (mean of L_Tj[s] - s), added in a state equation; s + g (mean of L_Tj[s]) at an output, "
+        "where the lags begin at s less a share i of it; slow lags Tj = T 10^(d j/2), j = 0, 1, 2: one slow "
+        "pole (d = 0) to three decades",
         parameters=(
             EffectParameter("g", "{port}/({arg})", 0.0),
             EffectParameter("T", "s", 0.0),
             EffectParameter("d", "-", 0.0, 3.0),
+            LACKING,
         ),
+        begin=3,
         starts=_creep_starts,
         limits=_creep_limits,
         force=_creep,

@@ -1,4 +1,4 @@
-"""A sensor that does not show what there is: coarse, or stuck."""
+"""A sensor that does not show what there is: of another scale, coarse, stuck, or shown another signal too."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -8,7 +8,7 @@ from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._series import SHORTEST_HOLD, held_runs
-from narx_sklearn.physics.effects._starts import grid, scaled, spread, telling, working_points
+from narx_sklearn.physics.effects._starts import ORDINARY, grid, scaled, spread, telling, working_points
 
 FARTHEST = 4.0  # noise deviations that a reading which is held may be off
 HALF = 0.5  # of a sample, so that which samples are held does not depend on rounding
@@ -20,6 +20,16 @@ LEVELS = 2**16  # on which a signal's values are gathered; steps of less than ei
 LOOKED_AT = 20  # of the best steps, that are tried as they are
 LONGEST_MEMORY = 0.99  # of noise, share of a sample that the next one keeps
 FEW = 0.25  # distinct values a sample, below which a signal is taken to be quantised
+
+
+def _scaled_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (signal - theta[1])
+
+
+def _scaled_starts(setting: Setting) -> np.ndarray:
+    if spread(setting.argument) == 0:
+        return np.empty((0, 2))
+    return grid([ORDINARY], working_points(setting.argument)[:1])
 
 
 def _cross_transform(signal, second, dt, theta, first):
@@ -235,6 +245,21 @@ def _quantisation_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 
 SENSOR = (
+    Effect(
+        code="scale_error",
+        title="Wrong scale",
+        sentence="What goes through here is larger, or smaller, by a fixed share than it is taken to be.",
+        equation="s + b (s - r)",
+        parameters=(EffectParameter("b", "-", -1.0), EffectParameter("r", "{port}")),
+        references=(1,),
+        starts=_scaled_starts,
+        transform=_scaled_transform,
+        lookalikes=("sensor_bias", "input_saturation", "sensor_clip", "gain_drift", "cross_sensitivity"),
+        holds=("sensor_bias",),
+        separate_by="a reference measured beside it at two levels",
+        source="JCGM 200:2012, International Vocabulary of Metrology, 2.39 (calibration)",
+        narx_terms="none: it scales the terms of its signal",
+    ),
     Effect(
         code="cross_sensitivity",
         title="Sensor that feels another signal",
