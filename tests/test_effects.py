@@ -92,6 +92,7 @@ PLACES = {
     "periodic_disturbance": "state output",
     "extra_mode": "state output",
     "coupling": "state",
+    "quadratic_coupling": "state",
     "cross_sensitivity": "output",
     "scale_error": "input output",
 }
@@ -335,6 +336,8 @@ class TestForces:
             ("bilinear_input", [0.5, 5.0, 1.0], {"argument": 4.0, "second": 3.0}, -1.0),
             ("coupling", [0.5, 0.0], {"argument": 4.0, "second": 3.0}, 1.5),
             ("coupling", [0.5, 2.0], {"argument": 4.0, "second": 3.0}, 0.5),
+            ("quadratic_coupling", [0.5, 0.0], {"argument": 4.0, "second": -3.0}, -4.5),
+            ("quadratic_coupling", [0.5, 1.0], {"argument": 4.0, "second": 3.0}, 2.0),
             ("gain_drift", [0.1, 3.0, 0.0], {**ALONE, "time": 3.0}, 0.4 * (1 - np.exp(-1))),
             ("gain_drift", [0.1, 3.0, 5.0], {**ALONE, "time": 3.0}, -0.1 * (1 - np.exp(-1))),
             ("gain_drift", [0.1e9, 1e9, 0.0], {**ALONE, "time": 3.0}, 1.2 * (1 - 1.5e-9)),  # a line

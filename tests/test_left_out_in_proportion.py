@@ -118,6 +118,31 @@ def test_a_sensor_may_show_a_part_of_another_signal():
     assert found.parameters_.loc["R", "augmented"] == pytest.approx(1.2, rel=0.01)
 
 
+def test_what_wind_does_goes_by_its_square():
+    def blown(drag, mass=1.5, rubs=3.0, spring=40.0):
+        def rates(x, u, p):
+            pushed = u[0] + drag * u[1] * abs(u[1])
+            return x[1], (pushed - p[1] * x[1] - p[2] * x[0]) / p[0]
+
+        return ODESimulator(
+            rates,
+            dt=0.01,
+            parameters={"mass": mass, "rubs": rubs, "spring": spring},
+            states=["x [m]", "v [m/s]"],
+            inputs=["force [N]", "wind [m/s]"],
+            output=lambda x, u, p: (x[0],),
+            outputs=["x [m]"],
+        )
+
+    rng = np.random.default_rng(6)
+    u = np.column_stack([levels(rng, 3000, 30, -10, 10), levels(rng, 3000, 45, -8, 8)])
+    effects = ["quadratic_coupling", "cogging"]
+    found = told(blown(0.0, mass=1.7, rubs=2.5, spring=45.0), blown(0.05), u, rng, effects)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "quadratic_coupling", "state:1")
+    assert finding.parameters["b"] == pytest.approx(0.05 / 1.5, rel=0.03)
+
+
 def receiver(**changed):
     """Return an air receiver, filled from a supply of 8 bar through a valve and emptied by what is drawn."""
     parameters = {"volume": 9.0, "fills": 0.14, "leaks": 0.035} | changed

@@ -156,11 +156,24 @@ def _coupling(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * (second - theta[1])
 
 
+@kernel
+def _quadratic_coupling(argument, rate, own, second, time, step, z, theta, dz):
+    beyond = second - theta[1]
+    return theta[0] * beyond * abs(beyond)
+
+
 def _coupling_starts(setting: Setting) -> np.ndarray:
     if setting.second is None or spread(setting.second) == 0:
         return np.empty((0, 2))
     rows = grid([1.0], working_points(setting.second)[-1:])
     return scaled(setting, rows, lambda row: setting.second - row[1])
+
+
+def _quadratic_coupling_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None or spread(setting.second) == 0:
+        return np.empty((0, 2))
+    rows = grid([1.0], working_points(setting.second)[:1])
+    return scaled(setting, rows, lambda row: (setting.second - row[1]) * np.abs(setting.second - row[1]))
 
 
 def _gravity_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
@@ -306,5 +319,21 @@ LOADS = (
         separate_by="varying that signal alone",
         source="Ljung 1999, System Identification, sec. 4.2 (measured disturbances)",
         narx_terms="that signal as a further input, and the constant",
+    ),
+    Effect(
+        code="quadratic_coupling",
+        title="Drive by the square of another measured signal",
+        sentence="Another measured signal drives it too, by its square, the way it goes, as wind does.",
+        equation="b (w - r) |w - r|, with w the other signal",
+        parameters=(EffectParameter("b", "{port}/({second})^2"), EffectParameter("r", "{second}")),
+        references=(1,),
+        starts=_quadratic_coupling_starts,
+        force=_quadratic_coupling,
+        argument="none",
+        second="channel",
+        lookalikes=("coupling", "additive_drift"),
+        separate_by="varying that signal alone, at two amplitudes",
+        source="Morison, O'Brien, Johnson and Schaaf 1950, J. Petrol. Technol. 2(5), drag term of a flow",
+        narx_terms="the square of that signal as a further input, with its sign",
     ),
 )
