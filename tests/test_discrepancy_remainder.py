@@ -391,7 +391,7 @@ def diagnosed():
     rng = np.random.default_rng(0)
     u = levels(rng, 2500)
     y = output(u)
-    y = y + 0.02 * np.sin(25.0 * y) + 0.02 * rng.normal(size=u.size)
+    y = y + 0.02 * np.sin(8.0 * np.gradient(y, DT)) + 0.02 * rng.normal(size=u.size)
     nominal = simulator(values=(1.0, 0.8, 12.0))
     effects = ["coulomb_friction", "gain_drift"]
     return DiscrepancyRegressor(nominal, effects=effects, max_effects=1, n_leaders=2).fit(u, y), u, y
@@ -410,11 +410,12 @@ class TestDiagnosis:
 
     def test_it_is_told_what_the_unknown_signal_is_like(self, diagnosed):
         dx, _, _ = diagnosed
-        assert dx.location_.against == ("position [m]", "rate of position [m/s]", "drive [V]")
+        assert dx.location_.against == ("position [m]", "velocity [m/s]", "drive [V]")
         readings = dx.location_.invariances["reading"]
-        assert readings[["odd", "memory"]].tolist() == ["odd", "no memory seen"]  # a sine of the output
+        told = readings[["memory", "time period"]].tolist()  # a sine of how fast it moves
+        assert told == ["no memory seen", "not tied to time"]
         assert readings["memoryless"] == "noise or something else beside a function of x, v, u"
-        assert "with x = position [m], v = rate of position [m/s] and u = drive [V]: odd; " in dx.report_
+        assert "with x = position [m], v = velocity [m/s] and u = drive [V]: " in dx.report_
 
     def test_the_simulation_stays_the_refitted_one(self, diagnosed):
         dx, u, _ = diagnosed
@@ -422,7 +423,7 @@ class TestDiagnosis:
 
     def test_the_report_says_what_speaks_against_noise_and_what_to_try(self, diagnosed):
         dx, _, _ = diagnosed
-        assert "What is left over is no noise. It depends on position [m]" in dx.report_
+        assert "What is left over is no noise. It depends on velocity [m/s]" in dx.report_
         assert "What would tell more: an effect of your own" in dx.report_
         assert "comes nearest" not in dx.report_
 
@@ -435,6 +436,18 @@ class TestDiagnosis:
         page = render_report(dx, u, y)
         assert "the likeliest place is on the output position" in page
         assert "What would tell more: an effect of your own" in page
+
+
+def test_a_ripple_of_many_waves_in_a_reading_is_told_as_one():
+    rng = np.random.default_rng(0)
+    u = levels(rng, 2500)
+    y = output(u)
+    y = y + 0.02 * np.sin(25.0 * y) + 0.02 * rng.normal(size=u.size)
+    found = DiscrepancyRegressor(simulator(values=(1.0, 0.8, 12.0)), effects=["coulomb_friction"]).fit(u, y)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("unknown", "unknown", "output:0")
+    assert finding.parameters["N"] == pytest.approx(25.0, rel=0.005)
+    assert finding.parameters["b"] == pytest.approx(0.02, rel=0.15)
 
 
 def test_an_unknown_signal_of_a_machine_without_inputs_is_described_too():

@@ -170,7 +170,8 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
-    none, stepped = np.zeros(n, dtype=bool), np.mean(u[1:] == u[:-1], axis=0) > MOSTLY
+    none = np.zeros(n, dtype=bool)
+    stepped = np.count_nonzero(u[1:] == u[:-1], axis=0) > MOSTLY * len(u[1:])
     told = depends, slopes, driven, of_parameters, gain, varies, read, none, none, stepped
     found = Structure(tuple(partner), kinematic, *told)
     if simulator.discrete or not points.size:

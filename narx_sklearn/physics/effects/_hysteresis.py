@@ -296,11 +296,7 @@ HYSTERESIS = (
         argument="position",
         n_memory=N_LAGS,
         lookalikes=("additive_drift", "extra_mode", "lag", "prandtl_ishlinskii"),
-        holds=(
-            "linear_stiffness",
-            "constant_load",
-            "sensor_bias",
-        ),  # slower than any record it is that spring too
+        holds=("linear_stiffness", "constant_load", "sensor_bias"),  # slower than any record it is a spring
         separate_by="long holds at several levels",
         source="Croft, Shed and Devasia 2001, J. Dyn. Syst. Meas. Control 123(1), sec. 2",
         narx_terms="a slow pole: longer lags of y",

@@ -8,6 +8,7 @@ from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Power,
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
     grid,
+    in_proportion_to_second,
     lines_in_angle,
     quantiles,
     scaled,
@@ -162,13 +163,6 @@ def _quadratic_coupling(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * beyond * abs(beyond)
 
 
-def _coupling_starts(setting: Setting) -> np.ndarray:
-    if setting.second is None or spread(setting.second) == 0:
-        return np.empty((0, 2))
-    rows = grid([1.0], working_points(setting.second)[-1:])
-    return scaled(setting, rows, lambda row: setting.second - row[1])
-
-
 def _quadratic_coupling_starts(setting: Setting) -> np.ndarray:
     if setting.second is None or spread(setting.second) == 0:
         return np.empty((0, 2))
@@ -311,7 +305,7 @@ LOADS = (
         equation="b (w - reference), with w the other signal",
         parameters=(EffectParameter("b", "{port}/({second})"), EffectParameter("reference", "{second}")),
         references=(1,),
-        starts=_coupling_starts,
+        starts=in_proportion_to_second,
         force=_coupling,
         argument="none",
         second="channel",

@@ -8,7 +8,14 @@ from narx_sklearn.model.phi import Phi
 from narx_sklearn.physics.effects._curves import of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Setting
 from narx_sklearn.physics.effects._series import SHORTEST_HOLD, held_runs
-from narx_sklearn.physics.effects._starts import ORDINARY, grid, scaled, spread, telling, working_points
+from narx_sklearn.physics.effects._starts import (
+    ORDINARY,
+    grid,
+    in_proportion_to_second,
+    spread,
+    telling,
+    working_points,
+)
 
 FARTHEST = 4.0  # noise deviations that a reading which is held may be off
 HALF = 0.5  # of a sample, so that which samples are held does not depend on rounding
@@ -34,13 +41,6 @@ def _scaled_starts(setting: Setting) -> np.ndarray:
 
 def _cross_transform(signal, second, dt, theta, first):
     return signal + theta[0] * (second - theta[1])
-
-
-def _cross_starts(setting: Setting) -> np.ndarray:
-    if setting.second is None or spread(setting.second) == 0:
-        return np.empty((0, 2))
-    rows = grid([1.0], working_points(setting.second)[-1:])
-    return scaled(setting, rows, lambda row: setting.second - row[1])
 
 
 def _steps(level, q):
@@ -267,7 +267,7 @@ SENSOR = (
         equation="s + b (w - reference), with w the other signal",
         parameters=(EffectParameter("b", "{port}/({second})"), EffectParameter("reference", "{second}")),
         references=(1,),
-        starts=_cross_starts,
+        starts=in_proportion_to_second,
         transform=_cross_transform,
         input_port=False,
         second="other",

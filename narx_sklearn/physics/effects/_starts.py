@@ -97,6 +97,14 @@ def scaled(setting: Setting, rows: np.ndarray, shape: Callable, amplitude: int =
     return np.array(kept).reshape(-1, rows.shape[1])
 
 
+def in_proportion_to_second(setting: Setting) -> np.ndarray:
+    """Return the start of an effect b (w - r) of the second argument, counted from where that works."""
+    if setting.second is None or spread(setting.second) == 0:
+        return np.empty((0, 2))
+    rows = grid([1.0], working_points(setting.second)[-1:])
+    return scaled(setting, rows, lambda row: setting.second - row[1])
+
+
 def telling(setting: Setting, rows: np.ndarray, transform: Callable) -> np.ndarray:
     """Return the rows whose transform differs from a mere offset and gain of the signal on this record."""
     good = np.isfinite(setting.argument)
