@@ -284,6 +284,33 @@ def test_a_clearance_in_a_coupling(drive, n, name):
     assert np.abs(twin - simulator.simulate(u)).max() > 0.01 * np.std(twin)
 
 
+def forward(put_out=lambda v: v):
+    """Return a drive whose controller puts out the speed it is to have beside what its error asks for."""
+
+    def equations(x, u, p):
+        asked = 0.5 * u[1] + KP * (u[0] - x[0]) + KI * x[2]
+        return x[1], p[0] * put_out(asked) - p[1] * x[1], u[0] - x[0]
+
+    return plain(equations, 3, 2)
+
+
+def test_what_is_fed_forward_is_put_out_with_it():
+    alone, whole = structure_of(forward()).controllers
+    assert alone.weights == pytest.approx((KP / KI, 0.0, -KP / KI, 0.0, 1.0), abs=1e-6)
+    assert whole.weights == pytest.approx((KP / KI, 0.5 / KI, -KP / KI, 0.0, 1.0), abs=1e-6)
+    assert whole.called(forward()) == "x2 + 0.08333 x u1 + 0.1333 s x its rate"
+    placed = next(
+        p
+        for p in placements(CATALOGUE["input_saturation"], forward(), structure_of(forward()))
+        if p.handed_on and not p.tracks and p.second == whole.weights
+    )
+    limited = forward().with_effects([placed.at([-4.0 / KI, 4.0 / KI, 0.0])])
+    written = forward(lambda v: min(max(v, -4.0), 4.0))
+    u = np.repeat(np.random.default_rng(1).uniform(-4, 4, (20, 2)), 30, axis=0)
+    np.testing.assert_allclose(limited.simulate(u), written.simulate(u), rtol=1e-7, atol=1e-9)
+    assert np.abs(written.simulate(u) - forward().simulate(u)).max() > 0.01
+
+
 @pytest.mark.parametrize("tracking", [0.0, 5.0])
 def test_against_equations_that_have_it(tracking):
     limit = 10.0

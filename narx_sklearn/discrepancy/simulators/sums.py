@@ -46,8 +46,12 @@ class Sum(NamedTuple):
         """Return the sum in words: "twist + 0.001 s x its rate"."""
         signals = (*simulator.inputs, *simulator.states)
         name = self._at(simulator).name
-        for j in np.flatnonzero(np.array(self.own) < 0).tolist():
-            name = difference_in_words(name, -self.own[j], signals[j].name)
+        at = len(simulator.inputs) + self.state if self.through < 0 else self.through
+        for j in np.flatnonzero(self.own).tolist():
+            if self.own[j] < 0:
+                name = difference_in_words(name, -self.own[j], signals[j].name)
+            elif j != at:
+                name = f"{name} + {self.own[j]:.4g} x {signals[j].name}"
         if not self.time:
             return name
         if self.through < 0:
@@ -88,6 +92,8 @@ def find_controllers(
 
     The integral of what a reference and signals differ by, with constant weights, drives equations that the
     reference enters too. How much more of the error they have than of the integral is the integral time.
+    Where other inputs come to all of them in proportion, they may be put out with it, fed forward: then both
+    sums are returned, without and with them.
 
     Parameters
     ----------
@@ -109,10 +115,14 @@ def find_controllers(
             for i in driven
             for j in np.flatnonzero(inputs[s])
         ]
-        time = _one_time(times)
+        time = _one_ratio(times)
         if time is not None and time > 0.0:
             own = np.eye(error.shape[1])[inputs.shape[1] + s]
             found.append(Sum(s, time, tuple(own.tolist()), tuple(error.mean(axis=0).tolist())))
+            for j in np.flatnonzero(~inputs[s]).tolist():
+                own[j] = _one_ratio([of_inputs[:, i, j] / of_states[:, i, s] for i in driven]) or 0.0
+            if np.count_nonzero(own) > 1:
+                found.append(found[-1]._replace(own=tuple(own.tolist())))
     return tuple(found)
 
 
@@ -146,7 +156,7 @@ def find_couplings(
             depends[i, j] * slopes[:, i, j] / (rate[j] * slopes[:, i, at])
             for i, j in (velocities, velocities[::-1])
         ]
-        time = _one_time(times)
+        time = _one_ratio(times)
         if time is not None and (time > 0.0 or (is_sure and time == 0.0)):
             own, rate_of_it = ((*[0.0] * n_inputs, *weights.tolist()) for weights in (parted, rate))
             found.setdefault(tuple(sorted(velocities)), Sum(at, time, own, rate_of_it))
@@ -196,7 +206,7 @@ def find_errors(
                 own[[j, n_inputs + k]] = 1.0, -1.0
                 found.append(Sum(int(at[0]), 0.0, tuple(own.tolist()), tuple(rate.tolist()), through=j))
                 for velocity in (v for v, position, _ in rates if position == k):
-                    time = _one_time([-of_states[:, at, velocity] / gain])
+                    time = _one_ratio([-of_states[:, at, velocity] / gain])
                     if time is not None and time > 0.0:
                         rate[n_inputs + velocity] = -1.0
                         found.append(found[-1]._replace(time=time, rate=tuple(rate.tolist())))
@@ -229,9 +239,9 @@ def _felt(depends: np.ndarray, kinematic: np.ndarray, state: int) -> list[int]:
     return np.flatnonzero(depends[:, state] & ~kinematic).tolist()
 
 
-def _one_time(times: list[np.ndarray]) -> float | None:
-    """Return a time that is the same in all equations and at all points; None where it is not."""
-    values = np.array(times)
+def _one_ratio(ratios: list[np.ndarray]) -> float | None:
+    """Return a ratio of slopes that is the same in all equations and at all points; None where it is not."""
+    values = np.array(ratios)
     if not (values.size and np.all(np.isfinite(values))):
         return None
     return float(values.mean()) if np.ptp(values) <= OPPOSED * np.abs(values).max() else None
