@@ -95,6 +95,7 @@ PLACES = {
     "quadratic_coupling": "state",
     "cross_sensitivity": "output",
     "scale_error": "input output",
+    "input_offset": "input",
 }
 ALL = [CATALOGUE[code] for code in sorted(BUILT_IN)]
 FORCES = [effect for effect in ALL if effect.force is not None]
@@ -639,6 +640,7 @@ class TestTransforms:
             ("quantisation", [1e-9]),
             ("stuck_sensor", [1.0, 0.0, 0.0]),
             ("sensor_bias", [0.0]),
+            ("input_offset", [0.0]),
             ("periodic_disturbance", [0.0, 3.0, 0.0]),
             ("additive_drift", [0.0, 3.0, 1.0, 1.0]),
             ("gain_drift", [0.0, 3.0, 0.3]),

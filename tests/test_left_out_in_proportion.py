@@ -171,6 +171,31 @@ def test_a_sensor_may_be_of_another_scale():
     assert found.parameters_.loc["volume", "augmented"] == pytest.approx(9.0, rel=0.02)
 
 
+def station(zero=0.0, **changed):
+    """Return a gas network behind a choked valve, whose flow goes with the pressure before it."""
+    parameters = {"volume": 600.0, "valve": 1.1, "load": 190.0} | changed
+    return ODESimulator(
+        lambda x, u, p: ((p[1] * u[0] * (u[1] + zero) - p[2] * x[0]) / p[0],),
+        dt=0.05,
+        parameters=parameters,
+        states=["p [bar]"],
+        inputs=["opening [%]", "before [bar]"],
+        outputs=["p [bar]"],
+        x0=[3.0],
+    )
+
+
+def test_an_input_may_be_counted_from_another_zero():
+    rng = np.random.default_rng(8)
+    u = np.column_stack([levels(rng, 3000, 60, 20.0, 90.0), levels(rng, 3000, 45, 4.0, 9.0)])
+    effects = ["input_offset", "scale_error", "gain_drift", "input_polynomial"]
+    nominal = station(volume=500.0, valve=1.3, load=160.0)
+    found = told(nominal, station(1.013), u, rng, effects)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "input_offset", "input:1")
+    assert finding.parameters["b"] == pytest.approx(1.013, rel=0.05)
+
+
 class TestPlaces:
     def places(self, code, simulator, held=5):
         rng = np.random.default_rng(4)
@@ -184,6 +209,10 @@ class TestPlaces:
         ]
         found = {(p.port.index, p.weights) for p in self.places("linear_stiffness", bodies())}
         assert {(0, (1.0, 0.0)), (1, (0.0, 1.0))} <= found
+
+    def test_an_offset_is_one_of_inputs_that_act_more_or_less_by_something_else(self):
+        assert [p.port.index for p in self.places("input_offset", station())] == [0, 1]
+        assert self.places("input_offset", slide()) == []  # there it is a load
 
     def test_a_state_couples_into_an_equation_that_does_not_feel_it(self):
         (back,) = self.places("coupling", motor(back=0.0))

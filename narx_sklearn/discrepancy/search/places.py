@@ -34,7 +34,8 @@ def placements(effect: Effect, simulator: Simulator, structure: Structure) -> li
     places = []
     if "input" in effect.ports:
         for i in np.flatnonzero(structure.inputs.any(axis=0)).tolist():
-            places.append(placed_at(effect, Port("input", i), Argument((), *simulator.inputs[i])))
+            if structure.uneven[i] or not effect.is_offset:
+                places.append(placed_at(effect, Port("input", i), Argument((), *simulator.inputs[i])))
     if "output" in effect.ports:
         for i, signal in enumerate(simulator.outputs):
             places.append(placed_at(effect, Port("output", i), Argument((), *signal)))

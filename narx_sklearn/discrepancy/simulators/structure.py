@@ -43,6 +43,7 @@ class Structure(NamedTuple):
     read: np.ndarray  # (n_outputs, n_inputs + n_states) bool: signals of which an output is made
     follows: np.ndarray  # (n_states,) bool: comes to rest where inputs say, whatever the parameters are
     paced: np.ndarray  # (n_states,) bool: goes where others say, as fast as a parameter of its own says
+    uneven: np.ndarray  # (n_inputs,) bool: acts more or less by its own size, by states or by other inputs
     stepped: np.ndarray  # (n_inputs,) bool: stays from most samples to the next, as nothing in a loop does
     controllers: tuple[Sum, ...] = ()  # what those among the equations put out
     couplings: tuple[Sum, ...] = ()  # what passes between two bodies that feel nothing else of each other
@@ -161,18 +162,18 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     if simulator.discrete:  # what a map only remembers is no place for physics
         kinematic |= ~simulator.free_states
     gain = Ju.mean(axis=0) if len(Ju) else np.zeros((n, u.shape[1]))
-    varies = np.zeros(gain.shape, dtype=bool)
+    varies, uneven = np.zeros(gain.shape, dtype=bool), np.zeros(u.shape[1], dtype=bool)
     if len(Ju):
         most = np.abs(Ju).max(axis=0)
-        of_states = np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most
-        varies = of_states & (np.ptp(Ju, axis=0) > UNEVEN * most)
+        of_states, moved = np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most, np.ptp(Ju, axis=0)
+        varies, uneven = of_states & (moved > UNEVEN * most), (driven & (moved > UNEVEN * most)).any(axis=0)
     read = np.zeros((len(simulator.outputs), u.shape[1] + n), dtype=bool)
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)
         read = felt > ALIKE * felt.max(axis=1, keepdims=True)
     none = np.zeros(n, dtype=bool)
     stepped = np.count_nonzero(u[1:] == u[:-1], axis=0) > MOSTLY * len(u[1:])
-    told = depends, slopes, driven, of_parameters, gain, varies, read, none, none, stepped
+    told = depends, slopes, driven, of_parameters, gain, varies, read, none, none, uneven, stepped
     found = Structure(tuple(partner), kinematic, *told)
     if simulator.discrete or not points.size:
         return found

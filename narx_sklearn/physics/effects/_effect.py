@@ -200,6 +200,9 @@ class Effect:
         tried on a speed, an angle, a temperature or a current.
     met_at : {None, "input", "output"}
         Where it is met, if not in state equations: there it is odd too (lost motion lies before a machine).
+    is_offset : bool
+        Whether it adds a constant, which at an input whose gain is the same everywhere is a load: there it is
+        not tried.
     read_off : bool
         Whether starting values that need measured values read them off these alone, not off what a simulation
         leaves of them.
@@ -293,6 +296,7 @@ class Effect:
     acts_in: Callable[..., tuple[tuple[float, float], ...]] | None = None
     met_on: str = "anything"
     met_at: str | None = None
+    is_offset: bool = False
     read_off: bool = False
     onward: bool = False
     lookalikes: tuple[str, ...] = ()
