@@ -166,8 +166,7 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
         return []
     if effect.argument == "position":
         places = on(structure.couplings)
-        shown = np.any(structure.read[:, len(simulator.inputs) :], axis=0)
-        places = [p if shown[p.port.index] else _counted_from_zero(p) for p in places]
+        places = [p if structure.shown[p.port.index] else _counted_from_zero(p) for p in places]
     else:
         places = [replace(at_state(effect, i, simulator), handed_on=True) for i in structure.handed_on]
         for of, placed in zip(structure.controllers, on(structure.controllers), strict=True):
@@ -312,7 +311,7 @@ def _unread(placed: PlacedEffect, structure: Structure) -> list[int]:
     for j, partner in enumerate(structure.partner):
         if partner >= 0 and {n_inputs + j, n_inputs + partner} & set(own):
             own += [n_inputs + j, n_inputs + partner]
-    shown = np.flatnonzero(np.any(structure.read[:, n_inputs:], axis=0)) + n_inputs
+    shown = np.flatnonzero(structure.shown) + n_inputs
     inputs = {*np.flatnonzero(structure.stepped).tolist(), *structure.channels.tolist()}
     return [j for j in (*sorted(inputs), *shown.tolist()) if j not in own]
 
@@ -337,7 +336,7 @@ def _unfelt(placed: PlacedEffect, structure: Structure) -> list[int]:
     i, n_inputs = placed.port.index, structure.inputs.shape[1]
     felt = structure.states[i].copy()
     felt[i] = True
-    shown = np.any(structure.read[:, n_inputs:], axis=0)
+    shown = structure.shown
     motions = [{j, of} - {-1} for j, of in enumerate(structure.partner)]
     near = {k for motion in motions for k in motion if felt[list(motion)].any()}
     return [n_inputs + j for j, motion in enumerate(motions) if shown[list(motion)].any() and j not in near]

@@ -51,6 +51,11 @@ class Structure(NamedTuple):
     probed: Probed | None = None  # one of the points at which all of this was found
 
     @property
+    def shown(self) -> np.ndarray:
+        """States that an output is made of, (n_states,) bool."""
+        return np.any(self.read[:, self.inputs.shape[1] :], axis=0)
+
+    @property
     def twists(self) -> list[tuple[int, int, int]]:
         """Kinematic states that count how far two others have parted: (state, the one ahead, the other)."""
         found = []
@@ -165,8 +170,11 @@ def find_structure(simulator: Simulator, x: np.ndarray, u: np.ndarray) -> Struct
     varies, uneven = np.zeros(gain.shape, dtype=bool), np.zeros(u.shape[1], dtype=bool)
     if len(Ju):
         most = np.abs(Ju).max(axis=0)
-        of_states, moved = np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most, np.ptp(Ju, axis=0)
-        varies, uneven = of_states & (moved > UNEVEN * most), (driven & (moved > UNEVEN * most)).any(axis=0)
+        of_states, moved = (
+            np.abs(elsewhere - Ju).max(axis=0) <= UNEVEN * most,
+            np.ptp(Ju, axis=0) > UNEVEN * most,
+        )
+        varies, uneven = of_states & moved, (driven & moved).any(axis=0)
     read = np.zeros((len(simulator.outputs), u.shape[1] + n), dtype=bool)
     if len(Jy):
         felt = np.abs(Jy).max(axis=0)

@@ -33,16 +33,19 @@ def _rippled(argument, rate, own, second, time, step, z, theta, dz):
 
 
 @njit(nogil=True, cache=True)
-def _misread(argument, rate, own, second, time, step, z, theta, dz):
-    turned = theta[4] * argument
+def _two_harmonics(value, theta):
+    turned = theta[4] * value
     once = theta[0] * np.cos(turned) + theta[1] * np.sin(turned)
     return once + theta[2] * np.cos(2.0 * turned) + theta[3] * np.sin(2.0 * turned)
 
 
+@njit(nogil=True, cache=True)
+def _misread(argument, rate, own, second, time, step, z, theta, dz):
+    return _two_harmonics(argument, theta)
+
+
 def _read(signal, second, dt, theta, first):
-    turned = theta[4] * signal
-    once = theta[0] * np.cos(turned) + theta[1] * np.sin(turned)
-    return signal + once + theta[2] * np.cos(2.0 * turned) + theta[3] * np.sin(2.0 * turned)
+    return signal + _two_harmonics(signal, theta)
 
 
 def reading_hypotheses(simulator: Simulator, y: np.ndarray) -> list[Hypothesis]:
