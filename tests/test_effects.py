@@ -94,6 +94,7 @@ PLACES = {
     "coupling": "state",
     "quadratic_coupling": "state",
     "cross_sensitivity": "output",
+    "mixed_reading": "output",
     "scale_error": "input output",
     "input_offset": "input",
 }
@@ -436,7 +437,9 @@ def placed_on_mass(effect, theta, kind="state"):
         ((1.0, 0.0) if effect.argument in ("position", "any") else (0.0, 1.0)) if kind == "state" else ()
     )
     channel = (0.0, 1.0, 0.0, 0.0)
-    second = {"input": (1.0, 0.0, 0.0, 0.0), "channel": channel, "other": channel}.get(effect.second, ())
+    rate = (0.0, 0.0, 0.0, 1.0)
+    seconds = {"input": (1.0, 0.0, 0.0, 0.0), "channel": channel, "other": channel, "alike": rate}
+    second = seconds.get(effect.second, ())
     return PlacedEffect(effect, Port(kind, 1 if kind == "state" else 0), weights, second, theta=tuple(theta))
 
 
@@ -455,7 +458,8 @@ class TestRuns:
             signal = x[:, 0] if effect.argument in ("position", "any") else x[:, 1]
         else:
             own = signal
-        second = {"input": u[:, 0], "channel": u[:, 1], "other": u[:, 1]}.get(effect.second)
+        seconds = {"input": u[:, 0], "channel": u[:, 1], "other": u[:, 1], "alike": x[:, 1]}
+        second = seconds.get(effect.second)
         setting = setting_of(signal, own=own, second=second)
         starts = effect.starts(setting)
         if effect.code == "root_outflow":
@@ -632,6 +636,7 @@ class TestTransforms:
             ("creep", [0.0, 1.0, 1.0, 0.0]),
             ("scale_error", [0.0, 1.0]),
             ("cross_sensitivity", [0.0, 1.0]),
+            ("mixed_reading", [0.0]),
             ("delay", [0.0, 0.0]),
             ("lag", [0.0, 0.0, 0.0]),
             ("lag", [0.0, 0.0, 1.0]),
@@ -678,6 +683,8 @@ class TestTransforms:
         second = np.array([3.0, 2.0, 7.0])
         felt = transformed("cross_sensitivity", [1.0, 1.0, -1.0], [0.5, 2.0], second=second)
         assert felt.tolist() == [1.5, 1.0, 1.5]
+        between = transformed("mixed_reading", [1.0, 1.0, -1.0], [0.25], second=second)
+        assert between.tolist() == [1.5, 1.25, 1.0]
 
     def test_saturation_dead_zone_and_steps_worked_by_hand(self):
         signal = [-2.0, -0.5, 0.5, 2.0]

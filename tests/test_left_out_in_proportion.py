@@ -143,6 +143,37 @@ def test_what_wind_does_goes_by_its_square():
     assert finding.parameters["b"] == pytest.approx(0.05 / 1.5, rel=0.03)
 
 
+def room(share=0.0, **changed):
+    """Return a heated room whose sensor shows a share of its wall, which nothing else shows."""
+    parameters = {"C_air": 60.0, "C_wall": 900.0, "inside": 1.2} | changed
+
+    def rates(x, u, p):
+        to_wall = p[2] * (x[0] - x[1])
+        return (u[0] - to_wall - 0.25 * (x[0] - u[1])) / p[0], (to_wall - 0.4 * (x[1] - u[1])) / p[1]
+
+    return ODESimulator(
+        rates,
+        dt=10.0,
+        parameters=parameters,
+        states=["air [degC]", "wall [degC]"],
+        inputs=["heater [W]", "outdoors [degC]"],
+        output=lambda x, u, p: (x[0] + share * (x[1] - x[0]),),
+        outputs=["air [degC]"],
+        x0=[5.0, 3.0],
+    )
+
+
+def test_a_sensor_may_sit_between_two_places_of_which_nothing_shows_one():
+    rng = np.random.default_rng(5)
+    u = np.column_stack([levels(rng, 3000, 80, 0.0, 20.0), levels(rng, 3000, 400, -5.0, 10.0)])
+    nominal = room(C_air=70.0, C_wall=800.0, inside=1.0)
+    found = told(nominal, room(0.3), u, rng, ["mixed_reading", "scale_error", "extra_mode"], share=0.005)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "mixed_reading", "output:0")
+    assert finding.parameters["b"] == pytest.approx(0.3, rel=0.02)
+    assert found.parameters_.loc["C_air", "augmented"] == pytest.approx(60.0, rel=0.01)
+
+
 def receiver(**changed):
     """Return an air receiver, filled from a supply of 8 bar through a valve and emptied by what is drawn."""
     parameters = {"volume": 9.0, "fills": 0.14, "leaks": 0.035} | changed
@@ -225,6 +256,13 @@ class TestPlaces:
         assert found == {(0, "u"): False, (0, "i"): True, (1, "u"): True, (1, "w"): True}
         slid = {p.second_name: p.odd for p in self.places("cross_sensitivity", slide())}
         assert slid == {"force": False}
+
+    def test_a_sensor_sits_between_places_of_one_quantity(self):
+        found = [(p.port.index, p.second, p.second_unit) for p in self.places("mixed_reading", room())]
+        outdoors, wall = (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+        assert found == [(0, outdoors, "degC"), (0, wall, "degC")]
+        assert self.places("mixed_reading", slide()) == []  # nor is a position its own rate
+        assert self.places("mixed_reading", motor()) == []
 
     def test_what_may_come_from_a_controller_is_nothing_that_a_sensor_feels(self):
         """It has the noise of what it controls in it, which it would explain."""

@@ -687,6 +687,7 @@ def test_a_clearance_in_a_coupling_is_named_though_long_runs_swing_out_of_step()
     finding = dx.findings_[0]
     assert (dx.verdict_, len(dx.findings_)) == ("explained", 1)
     assert (finding.effect, finding.title, finding.port) == ("backlash", "Backlash", "state:2")
+    assert {*dx.location_.regions["effect"]} <= {"backlash"}
     assert finding.parameters["g"] == pytest.approx(gap, rel=0.05)
     assert finding.parameters["c"] == 0.0  # nothing shows from where a twist is counted
     found = {p.name: p.value for p in dx.simulator_.parameters}

@@ -208,7 +208,7 @@ def _where_effects_act(diagnosis: Diagnosis) -> pd.DataFrame:
         rules = _stated(diagnosis, index, shown, table)
         if rules is None or rules.empty:
             rules = regions(shown, telling, floor=floor, noise_free=True)
-        found.append(rules.assign(effect=placed.effect.code))
+        found.append(rules.assign(effect=placed.name.code))
     some = [rules for rules in found if len(rules)]
     return pd.concat(some, ignore_index=True) if some else found[0]
 
@@ -301,7 +301,7 @@ def _stretches(diagnosis: Diagnosis) -> pd.DataFrame:
             start, stop = samples[acts][[0, -1]] + (0, 1)
             row = {"start": start, "stop": stop, "start_s": start * dt, "stop_s": stop * dt}
             row |= {"share": energy[acts].sum() / energy.sum(), "time_share": acts.mean(), "z_score": np.nan}
-            rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.effect.code})
+            rows.append(row | {"p_value": diagnosis.p_missing, "event": "", "effect": effect.name.code})
             table = table[(table["start"] >= stop) | (table["stop"] <= start)]
     return pd.concat(
         [pd.DataFrame(rows), *([table.assign(effect="")] if len(table) else [])], ignore_index=True

@@ -37,7 +37,7 @@ def sessions_as_findings(diagnosis: Diagnosis) -> list[DataFinding]:
             {
                 "parameters": {parameters[i].name: values[:, i].tolist() for i in told},
                 "intervals": {parameters[i].name: sure[:, i].tolist() for i in told},
-                "missed": [effect.effect.code for effect in diagnosis.missed_in_each],
+                "missed": [effect.name.code for effect in diagnosis.missed_in_each],
                 "before": before,
                 "after": after,
             },
@@ -79,7 +79,7 @@ def _missed(diagnosis: Diagnosis) -> str:
     """Return what each session misses, and where, in words."""
     simulator = diagnosis.problem.simulator
     effects = diagnosis.missed_in_each
-    return " and ".join(f"{e.effect.title} {port_in_words(e.port, simulator)}" for e in effects)
+    return " and ".join(f"{e.name.title} {port_in_words(e.port, simulator)}" for e in effects)
 
 
 def _left(parts: Sequence[Part]) -> float:

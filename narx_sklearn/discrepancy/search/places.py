@@ -277,43 +277,57 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     """Yield (weights, name, unit) of the second arguments that an effect may have at its place."""
     kind, i = placed.effect.second, placed.port.index
     n_inputs = len(simulator.inputs)
-    channels = structure.channels.tolist()
-    driving = _feeds(placed, structure) if placed.port.kind == "state" else []
-    columns = {
-        None: [],
-        "channel": _others(placed, structure) + _unfelt(placed, structure),
-        "input": [j for j in range(n_inputs) if j not in channels],
-        "drive": driving,
-        "feed": driving,
-        "other": _unread(placed, structure),
-    }[kind]
     if kind in (None, "drive", "feed"):
         yield (), "", ""
     signals = (*simulator.inputs, *simulator.states)
-    for j in columns:
+    for j in _second_signals(placed, structure):
         if placed.port != Port("input", j):
             yield weights_of(len(signals), {j: 1.0}), *signals[j]
+    if kind == "alike":
+        yield from _alike(placed, simulator, structure)
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
             yield (*[0.0] * n_inputs, *weights), name, unit
 
 
-def _unread(placed: PlacedEffect, structure: Structure) -> list[int]:
-    """Return the inputs and states that were recorded and of which, or of whose rate, an output is not made.
+def _second_signals(placed: PlacedEffect, structure: Structure) -> list[int]:
+    """Return the inputs, and behind them the states, that alone may be an effect's second argument."""
+    match placed.effect.second:
+        case "channel":
+            return _others(placed, structure) + _unfelt(placed, structure)
+        case "input":
+            return np.flatnonzero(structure.inputs.any(axis=0)).tolist()
+        case "drive" | "feed" if placed.port.kind == "state":
+            return _feeds(placed, structure)
+        case "other" if placed.port.kind == "output":
+            recorded = np.concatenate([np.ones(structure.inputs.shape[1], dtype=bool), structure.shown])
+            return np.flatnonzero(_unread(placed, structure) & recorded).tolist()
+    return []
 
-    States are those that other outputs show. All are counted as inputs, and then states. An input that drives
-    and may be a controller's has an output's noise in it: what the output has of it no record tells.
+
+def _alike(placed: PlacedEffect, simulator: Simulator, structure: Structure):
+    """Yield (weights, name, unit) of the signals that an output may as well show: in a unit like its own."""
+    unit = simulator.outputs[placed.port.index].unit
+    signals = (*simulator.inputs, *simulator.states)
+    for j in np.flatnonzero(_unread(placed, structure)).tolist():
+        scale = scale_to(signals[j].unit, unit) if signals[j].unit and unit else None
+        if scale is not None:
+            yield weights_of(len(signals), {j: scale}), signals[j].name, unit
+
+
+def _unread(placed: PlacedEffect, structure: Structure) -> np.ndarray:
+    """Tell which signals, (n_inputs + n_states,), the output at a port is not made of, nor of their motion.
+
+    An input that drives and may be a controller's has an output's noise in it: what the output has of it no
+    record tells. What a controller adds up no sensor feels.
     """
-    if placed.port.kind != "output":
-        return []
     n_inputs = structure.inputs.shape[1]
-    own = np.flatnonzero(structure.read[placed.port.index]).tolist()
-    for j, partner in enumerate(structure.partner):
-        if partner >= 0 and {n_inputs + j, n_inputs + partner} & set(own):
-            own += [n_inputs + j, n_inputs + partner]
-    shown = np.flatnonzero(structure.shown) + n_inputs
-    inputs = {*np.flatnonzero(structure.stepped).tolist(), *structure.channels.tolist()}
-    return [j for j in (*sorted(inputs), *shown.tolist()) if j not in own]
+    inputs = structure.stepped.copy()
+    inputs[structure.channels] = True
+    inputs &= ~structure.read[placed.port.index, :n_inputs]
+    other = ~structure.in_motion_with(structure.read[placed.port.index, n_inputs:])
+    other[[of.state for of in structure.controllers]] = False
+    return np.concatenate([inputs, other])
 
 
 def _is_of_its_rate(placed: PlacedEffect, second: tuple[float, ...], structure: Structure) -> bool:
@@ -329,17 +343,14 @@ def _is_of_its_rate(placed: PlacedEffect, second: tuple[float, ...], structure: 
 def _unfelt(placed: PlacedEffect, structure: Structure) -> list[int]:
     """Return the states that may drive an equation though it does not say so, counted behind the inputs.
 
-    They are those of other motions than the equation feels that an output shows, and their rates.
+    They are those of other motions than the equation feels, of which an output shows something.
     """
     if placed.port.kind != "state" or placed.effect.argument != "none":
         return []
-    i, n_inputs = placed.port.index, structure.inputs.shape[1]
-    felt = structure.states[i].copy()
-    felt[i] = True
-    shown = structure.shown
-    motions = [{j, of} - {-1} for j, of in enumerate(structure.partner)]
-    near = {k for motion in motions for k in motion if felt[list(motion)].any()}
-    return [n_inputs + j for j, motion in enumerate(motions) if shown[list(motion)].any() and j not in near]
+    felt = structure.states[placed.port.index].copy()
+    felt[placed.port.index] = True
+    told = structure.in_motion_with(structure.shown) & ~structure.in_motion_with(felt)
+    return (np.flatnonzero(told) + structure.inputs.shape[1]).tolist()
 
 
 def _feeds(placed: PlacedEffect, structure: Structure) -> list[int]:

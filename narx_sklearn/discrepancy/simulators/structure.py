@@ -55,6 +55,18 @@ class Structure(NamedTuple):
         """States that an output is made of, (n_states,) bool."""
         return np.any(self.read[:, self.inputs.shape[1] :], axis=0)
 
+    def in_motion_with(self, states: np.ndarray) -> np.ndarray:
+        """Tell which states are of one motion with some of those given, (n_states,) bool, and those.
+
+        A motion is a position with its rate, and the rate of that.
+        """
+        found = states.copy()
+        for _ in self.partner:
+            for rate, position in enumerate(self.partner):
+                if position >= 0 and found[rate] != found[position]:
+                    found[rate] = found[position] = True
+        return found
+
     @property
     def twists(self) -> list[tuple[int, int, int]]:
         """Kinematic states that count how far two others have parted: (state, the one ahead, the other)."""

@@ -10,7 +10,7 @@ PORTS = ("input", "state", "output")  # as a signal goes through a machine
 PARAMETER = "parameter"  # of the simulator: where it stands in the equations, there it is another one
 ARGUMENTS = ("none", "own", "position", "any")
 MET_ON = ("anything", "motion", "surfaces", "levels")
-SECONDS = (None, "input", "channel", "drive", "feed", "other")
+SECONDS = (None, "input", "channel", "drive", "feed", "other", "alike")
 MAX_PARAMETERS = 7  # of an entry; the simulators' kernel has room for more, which curves without a name take
 MAX_MEMORY = 12  # states of one effect's own; those of a Prandtl-Ishlinskii effect are eleven
 
@@ -146,12 +146,13 @@ class Effect:
     argument : {"none", "own", "position", "any"}
         What the force depends on at a state port: nothing; the port's own state; the position that goes with
         it (its integral where the equations have one, else the state itself); any state.
-    second : {None, "input", "channel", "drive", "feed", "other"}
+    second : {None, "input", "channel", "drive", "feed", "other", "alike"}
         Second argument: every input; every measured channel that the simulator does not use (and, where it
         has several drives, those of other axes); or what else drives the state equation, each in turn:
         nothing in particular (NaN), its inputs, its neighbours. A feed is nothing (NaN), or an input of the
         state equation that stands in the argument's place. At an output it may be every other signal that
-        was recorded: inputs, and what other outputs show, of which this one is not made.
+        was recorded: inputs, and what other outputs show, of which this one is not made; or every one in a
+        unit that measures the same, recorded or not.
     amplitude : int or None
         Index of the parameter that scales the whole effect; None when no parameter does.
     levels : tuple of int

@@ -43,6 +43,16 @@ def _cross_transform(signal, second, dt, theta, first):
     return signal + theta[0] * (second - theta[1])
 
 
+def _between_transform(signal, second, dt, theta, first):
+    return signal + theta[0] * (second - signal)
+
+
+def _between_starts(setting: Setting) -> np.ndarray:
+    if setting.second is None or spread(setting.second - setting.argument) == 0:
+        return np.empty((0, 1))
+    return grid([ORDINARY, 4 * ORDINARY])
+
+
 def _steps(level, q):
     return q * np.round(level / q) if q > 0 else level
 
@@ -276,6 +286,21 @@ SENSOR = (
         separate_by="varying that signal alone",
         source="JCGM 200:2012, International Vocabulary of Metrology, 4.13 (influence quantities: 2.52)",
         narx_terms="that signal as a further input, and the constant",
+    ),
+    Effect(
+        code="mixed_reading",
+        title="Sensor between two places",
+        sentence="The sensor shows a value between those of two places.",
+        equation="s + b (w - s), with w that of the other place",
+        parameters=(EffectParameter("b", "1", 0.0, 1.0),),
+        starts=_between_starts,
+        transform=_between_transform,
+        input_port=False,
+        second="alike",
+        lookalikes=("cross_sensitivity", "scale_error", "lag", "extra_mode"),
+        separate_by="a second sensor at each of the two places",
+        source="Michalski et al. 2001, Temperature Measurement, 2nd ed. (heat that a sensor's stem conducts)",
+        narx_terms="that signal as a further input, in a share of which the own one loses as much",
     ),
     Effect(
         code="quantisation",
