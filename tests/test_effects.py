@@ -1293,6 +1293,17 @@ class TestStarts:
         starts = CATALOGUE["cogging"].starts(setting_of(angle, own=wideband(2000, 1), residual=residual))
         assert waves in starts[:, 1]
 
+    @pytest.mark.parametrize("pitch", [24.0, 7.3])
+    def test_a_length_does_not_come_round_after_a_turn(self, pitch):
+        """A motor of 24 mm pitch goes along 130 mm: no whole number of radians."""
+        way = 65.0 * wideband(2000) / np.abs(wideband(2000)).max()
+        residual = np.sin(2 * np.pi / pitch * way + 1.0) + 0.3 * np.random.default_rng(0).normal(size=2000)
+        shown = setting_of(way, own=wideband(2000, 1), residual=residual)._replace(turns=False)
+        starts = CATALOGUE["cogging"].starts(shown)
+        assert np.min(np.abs(starts[:, 1] - 2 * np.pi / pitch)) < 0.25 * 2 * np.pi / np.ptp(way)
+        assert starts[:, 1].min() >= 4 * np.pi / np.ptp(way) * (1 - 1e-9)
+        assert CATALOGUE["cogging"].limits(shown)[1, 0] == pytest.approx(4 * np.pi / np.ptp(way), rel=0.1)
+
     def test_the_step_of_a_coarse_sensor_is_read_off_its_values(self):
         signal = wideband()
         residual = 0.25 * np.round((signal + 0.01) / 0.25) - signal

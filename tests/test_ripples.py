@@ -24,6 +24,36 @@ DT, SIGMA = 0.05, 0.01
 SIZES = st.floats(-5.0, 5.0)
 
 
+def test_a_linear_motor_cogs_by_its_pitch_in_millimetres():
+    def axis(mass, rubs, cogs=0.0):
+        def rates(x, u, p):
+            return x[1], (u[0] - p[1] * x[1] - cogs * np.sin(2 * np.pi * x[0] / 24.0 + 0.6)) / p[0] - 9.0 * x[
+                0
+            ]
+
+        return ODESimulator(
+            rates,
+            dt=0.01,
+            parameters={"mass": mass, "rubs": rubs},
+            states=["x [mm]", "v [mm/s]"],
+            inputs=["force [N]"],
+            output=(0,),
+            outputs=["x [mm]"],
+        )
+
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.uniform(-1200.0, 1200.0, 60), 30)[:, None]
+    y = axis(2.0, 5.0, 150.0).simulate(u)
+    y += 2.0 * rng.standard_normal(y.shape)
+    assert np.ptp(y) > 100.0
+    effects = ["cogging", "cubic_stiffness", "coulomb_friction", "gravity"]
+    found = DiscrepancyRegressor(axis(2.2, 4.5), effects=effects, random_state=0).fit(u, y)
+    (finding,) = found.findings_
+    assert (found.verdict_, finding.effect, finding.port) == ("explained", "cogging", "state:1")
+    assert finding.parameters["N"] == pytest.approx(2 * np.pi / 24.0, rel=0.01)
+    assert finding.parameters["a"] == pytest.approx(75.0, rel=0.1)
+
+
 def pump(x, u, p):
     """A rotor that turns as fast as it is told, and the level that it fills."""
     return p[1] * u[0], p[0] * u[0] - p[2] * x[1]

@@ -13,6 +13,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.places import Argument, parameter_placements, placed_at, placements
 from narx_sklearn.discrepancy.simulators.simulator import Run, Simulator, covered
 from narx_sklearn.discrepancy.simulators.structure import Structure
+from narx_sklearn.model.units import may_be_alike
 from narx_sklearn.physics.effects import Effect, Setting
 from narx_sklearn.physics.effects._series import rates_along
 
@@ -208,7 +209,9 @@ class _Material:
         residual = self.residual[self.order, index if kind == "output" else 0]
         shows = self.innovations[:, index] if kind == "output" else self.together
         elapsed = self.order * dt
-        return Setting(argument, rate, own, second, self.time, dt, self.first, residual, shows, elapsed)
+        turns = may_be_alike(placed.argument_unit, "rad")
+        at = self.time, dt, self.first
+        return Setting(argument, rate, own, second, *at, residual, shows, elapsed, turns)
 
 
 def _time(problem: Problem) -> np.ndarray:

@@ -74,6 +74,7 @@ class Setting(NamedTuple):
     residual: np.ndarray | None = None
     innovations: np.ndarray | None = None  # what it would be without the noise's memory, at any output
     elapsed: np.ndarray | None = None  # seconds since the record of all sessions began
+    turns: bool = True  # whether the argument may be an angle, in radians: after a turn all comes again
 
 
 def at_least(n_parameters: int, index: int, least: float) -> np.ndarray:

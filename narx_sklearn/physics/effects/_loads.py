@@ -21,6 +21,7 @@ QUARTER = 0.5 * np.pi
 TURN = 2 * np.pi
 OF_LEVELS = ("m", "dm", "cm", "mm", "in", "ft", "m^3", "dm^3", "cm^3", "l", "L", "%")  # how full it is
 MOSTLY = (0.02, 0.98)  # quantiles between which a motion mostly is
+MOST_WAVES, FEWER_WAVES = 100, 40  # looked for in a turn or along a way, and in less than a turn
 WAVES = np.concatenate([np.arange(1.0, 8.0, 0.5), np.arange(8.0, 17.0)])  # in the range of the angle
 
 
@@ -41,6 +42,11 @@ def _turn(setting: Setting) -> float:
     return high - low if high > low else 0.0
 
 
+def _comes_round(setting: Setting) -> bool:
+    """Tell whether the argument is an angle that goes through more than a turn, as no length does."""
+    return setting.turns and _turn(setting) > TURN
+
+
 @kernel
 def _ripple(angle, N, p, r, q):
     first, second = np.sin(N * angle + p), 2.0 * N * angle + p
@@ -59,15 +65,16 @@ def _ripple_of_level(level, N, p, r, q):
 def _cogging_starts(setting: Setting) -> np.ndarray:
     """Wave numbers close enough that none falls between two, and those that the residual shows best.
 
-    Over more than a turn they are whole numbers, since the load repeats with the angle.
+    Over more than a turn of an angle they are whole numbers, since the load repeats with it.
     """
     low, high = quantiles(setting.argument, MOSTLY)
-    turn = _turn(setting)
     if not high > low:
         return np.empty((0, 5))
-    whole, slowest = turn > TURN, _slowest_ripple(setting)
+    whole, slowest = _comes_round(setting), _slowest_ripple(setting)
     # a fifth of the width of a line apart, so that none is missed
-    fine = np.arange(1.0, 101.0) if whole else TURN / turn * np.arange(1.0, 40.0, 0.2)
+    fine = np.arange(1.0, MOST_WAVES + 1)
+    if not whole:
+        fine = TURN / _turn(setting) * np.arange(1.0, FEWER_WAVES if setting.turns else MOST_WAVES, 0.2)
     coarse = TURN / (high - low) * WAVES
     coarse = np.unique(np.maximum(np.round(coarse), 1.0)) if whole else coarse[coarse >= slowest]
     fine = fine[fine >= slowest]
@@ -92,7 +99,7 @@ def _slowest_ripple(setting: Setting) -> float:
         return 0.0
     turn = _turn(setting)
     slowest = max(TURN / (high - low), 2 * TURN / turn)
-    return min(slowest, 1.0) if turn > TURN else slowest
+    return min(slowest, 1.0) if _comes_round(setting) else slowest
 
 
 @kernel

@@ -152,8 +152,8 @@ def lines_in_time(setting: Setting, n: int) -> np.ndarray:
 def lines_in_angle(setting: Setting, waves: np.ndarray, n: int) -> np.ndarray:
     """Return the ``n`` wave numbers that the residual shows best along the argument; none without one.
 
-    The residual is averaged in narrow bins of the angle first; over more than a turn the turns are laid on
-    each other, for which the wave numbers must be whole.
+    The residual is averaged in narrow bins of the angle first; over more than a turn of what turns they are
+    laid on each other, for which the wave numbers must be whole.
     """
     residual = _residual(setting)
     if residual is None or waves.size == 0:
@@ -163,7 +163,7 @@ def lines_in_angle(setting: Setting, waves: np.ndarray, n: int) -> np.ndarray:
         return np.empty(0)
     angle, value = setting.argument[good], residual[good]
     angle = angle - angle.min()
-    reach = min(angle.max(), 2 * np.pi)
+    reach = min(angle.max(), 2 * np.pi) if setting.turns else angle.max()
     index = (angle % reach if angle.max() > reach else angle) / max(reach, 1e-300) * (ANGLE_BINS - 1)
     total = np.bincount(np.round(index).astype(np.int64), value - value.mean(), ANGLE_BINS)
     centre = np.arange(ANGLE_BINS) * reach / (ANGLE_BINS - 1)
