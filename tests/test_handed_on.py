@@ -18,7 +18,7 @@ from narx_sklearn.discrepancy.simulators.structure import find_structure
 from narx_sklearn.physics.effects import CATALOGUE, Effect, EffectParameter, register_effect
 
 DT = 0.02
-ACTING = [effect for effect in CATALOGUE.values() if effect.handed_on and effect.argument != "position"]
+ACTING = [effect for effect in CATALOGUE.values() if effect.handed_on and "input" in effect.ports]
 
 
 def cylinder(x, u, p):
@@ -87,7 +87,64 @@ def test_which_states_follow_an_input_and_drive_others():
         "input_saturation",
         "input_polynomial",
         "valve_stiction",
+        "prandtl_ishlinskii",
     }
+
+
+def test_an_amplifier_follows_its_input_by_a_gain():
+    """Where it rests a parameter says too; how soon it is there another one does."""
+
+    def amplified(x, u, p):
+        return (p[1] * u[0] - x[0]) / p[0], x[0] - p[2] * x[1]
+
+    def paced_by_others(x, u, p):
+        return (p[1] * u[0] + 0.1 * x[1] - x[0]) / p[0], x[0] - p[2] * x[1]
+
+    assert structure_of(make(amplified)).handed_on == [0]
+    assert structure_of(make(paced_by_others)).handed_on == []
+
+
+@pytest.mark.parametrize("step", [0.0, 2.0])
+def test_a_stack_with_many_plays_behind_its_amplifier_is_told_there(step):
+    """Its hysteresis, of plays with weights of their own, is no hysteresis of the command.
+
+    Nor is what rounding leaves, where the reading is written in coarse steps, anything that names leave.
+    """
+    half_widths, weights = np.array([4.0, 9.0, 15.0, 23.0, 34.0]), np.array([1.0, 0.8, 0.65, 0.5, 0.4])
+
+    def stage(lag, gain, damping):
+        def rates(x, u, p):
+            return (p[1] * u[0] - x[0]) / p[0], x[2], 900.0 * (0.6 * x[0] - x[1]) - p[2] * x[2]
+
+        return ODESimulator(
+            rates,
+            dt=DT,
+            parameters={"lag [s]": lag, "gain": gain, "damping [1/s]": damping},
+            states=["amplifier [V]", "x [um]", "v [um/s]"],
+            inputs=["command [V]"],
+            output=[1],
+            outputs=["x [um]"],
+        )
+
+    rng = np.random.default_rng(4)
+    command = np.repeat(rng.uniform(-4.0, 4.0, 150), 20)
+    plays, (voltage, x, v), y, h = np.zeros(5), (0.0, 0.0, 0.0), [], DT / 40
+    for u in command:
+        y.append(x)
+        for _ in range(40):
+            plays = np.clip(plays, voltage - half_widths, voltage + half_widths)
+            driven = voltage - 0.12 * weights @ (voltage - plays)
+            x += h * v
+            v += h * (900.0 * (0.6 * driven - x) - 25.0 * v)
+            voltage += h * (14.0 * u - voltage) / 0.06
+    y = np.array(y)[:, None]
+    y = step * np.round(y / step) if step else y + 0.3 * rng.standard_normal(y.shape)
+    effects = ["prandtl_ishlinskii", "backlash", "lag", "input_polynomial", "bouc_wen_hysteresis"]
+    dx = DiscrepancyRegressor(stage(0.05, 12.5, 22.0), effects=effects, random_state=0)
+    dx.fit(command[:, None], y)
+    (finding,) = dx.findings_
+    assert (dx.verdict_, finding.effect, str(finding.port)) == ("explained", "prandtl_ishlinskii", "state:0")
+    assert dx.parameters_.loc["lag", "augmented"] == pytest.approx(0.06, rel=0.05)
 
 
 def test_a_store_is_no_actuator():

@@ -427,9 +427,9 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
 
     def _settings(self, tell: Callable[[str], None], *, rounded: bool) -> Settings:
         """Return what is asked for; rounded values show in themselves, and need not be looked for."""
-        effects = read_effects(self.effects, self.exclude)
+        of_noise = ("quantisation",) if rounded else ()
         return Settings(
-            effects=tuple(e for e in effects if not (rounded and e.code == "quantisation")),
+            effects=tuple(e for e in read_effects(self.effects, self.exclude) if e.code not in of_noise),
             alpha=float(self.alpha),
             max_effects=int(self.max_effects),
             n_leaders=int(self.n_leaders),
@@ -439,6 +439,7 @@ class DiscrepancyRegressor(RegressorMixin, BaseEstimator):
             tell=tell,
             level=float(self.level),
             test_fraction=float(self.test_fraction),
+            of_noise=of_noise,
         )
 
     def _check_settings(self) -> None:

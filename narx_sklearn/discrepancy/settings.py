@@ -41,6 +41,12 @@ class Settings:
     tell: Callable[[str], None]
     level: float = 0.9
     test_fraction: float = 0.2
+    of_noise: tuple[str, ...] = ()  # codes of what values themselves show, and is a part of the noise
+
+    @property
+    def unasked(self) -> list[Effect]:
+        """Effects of the catalogue that are not asked for, and may act."""
+        return [e for e in CATALOGUE.values() if e not in self.effects and e.code not in self.of_noise]
 
     @property
     def alpha_in_part(self) -> float:

@@ -152,8 +152,8 @@ def placed_at(effect: Effect, port: Port, argument: Argument) -> PlacedEffect:
 def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[PlacedEffect]:
     """Return the places of an effect on what passes from some equations to others.
 
-    What depends on a position is met in a coupling, all else behind an actuator or a controller, whose
-    integral, if it has one, may follow what is left. Outputs that are made of the same may have it too, as a
+    What acts on an input is met behind an actuator or a controller too, whose integral, if it has one, may
+    follow what is left; all else in a coupling. Outputs that are made of the same may have it too, as a
     flow has what a stem does.
     """
 
@@ -164,7 +164,7 @@ def _behind(effect: Effect, simulator: Simulator, structure: Structure) -> list[
         return on(structure.controllers + structure.errors)
     if effect.handed_on is None:
         return []
-    if effect.argument == "position":
+    if "input" not in effect.ports:
         places = on(structure.couplings)
         places = [p if structure.shown[p.port.index] else _counted_from_zero(p) for p in places]
     else:

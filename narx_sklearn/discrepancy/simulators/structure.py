@@ -94,10 +94,14 @@ class Structure(NamedTuple):
 
     @property
     def handed_on(self) -> list[int]:
-        """States that only follow an input, as an actuator does its command, and drive other equations."""
+        """States that only follow an input, as an actuator does its command, and drive other equations.
+
+        They follow it as far as it goes, or by a gain and as fast as a parameter says, as an amplifier does.
+        """
         others = self.states & ~np.eye(len(self.partner), dtype=bool)
         drives = np.any(others & ~self.kinematic[:, None], axis=0)
-        return np.flatnonzero(self.follows & drives).tolist()
+        alone = self.inputs.any(axis=1) & ~others.any(axis=1)
+        return np.flatnonzero((self.follows | (self.paced & alone)) & drives).tolist()
 
     def geared(self, one: int, other: int) -> float:
         """Return how many times as fast one of two coupled states goes as the other; 1 if unknown."""

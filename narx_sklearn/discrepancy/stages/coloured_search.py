@@ -27,7 +27,6 @@ from narx_sklearn.discrepancy.search.members import without
 from narx_sklearn.discrepancy.search.ranking import leaders, with_nearest, with_pushes
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.structure import Structure
-from narx_sklearn.physics.effects import CATALOGUE
 
 MOSTLY = 0.5  # share of the cost left by one effect, from which the residual was mostly structure
 LOST = 0.5  # share of what an explanation takes off, from which a refit that does so too was lost before
@@ -218,9 +217,8 @@ def steps_beside(
 
 def hypotheses_of(problem: Problem, found: Fit, structure: Structure, settings: Settings) -> list[Hypothesis]:
     """Return all that may be missing beside a fitted model, at every place where it may act."""
-    unasked = [effect for effect in CATALOGUE.values() if effect not in settings.effects]
     run = problem.run(found.model)
-    return enumerate_hypotheses(settings.effects, problem, run, structure, unasked, settings.n_jobs)
+    return enumerate_hypotheses(settings.effects, problem, run, structure, settings.unasked, settings.n_jobs)
 
 
 def pool_of(steps: Sequence[Step]) -> list[Candidate]:

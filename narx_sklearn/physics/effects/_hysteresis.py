@@ -259,6 +259,7 @@ HYSTERESIS = (
         starts=_prandtl_ishlinskii_starts,
         force=_prandtl_ishlinskii,
         transform=_prandtl_ishlinskii_transform,
+        handed_on=_prandtl_ishlinskii,
         output_port=False,
         read_as="s + w (mean of P_rk[u] - u, weights k^q); plays of half-width rk = r k/10, k = 1 to 10, "
         "each at first i half-widths off",
