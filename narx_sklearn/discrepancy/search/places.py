@@ -283,7 +283,7 @@ def _seconds(placed: PlacedEffect, simulator: Simulator, structure: Structure):
     for j in _second_signals(placed, structure):
         if placed.port != Port("input", j):
             yield weights_of(len(signals), {j: 1.0}), *signals[j]
-    if kind == "alike":
+    if kind == "alike" and placed.port.kind == "output":
         yield from _alike(placed, simulator, structure)
     if kind == "drive":
         for weights, name, unit in _neighbours(i, simulator, structure):
