@@ -27,9 +27,8 @@ SIZES = st.floats(-5.0, 5.0)
 def test_a_linear_motor_cogs_by_its_pitch_in_millimetres():
     def axis(mass, rubs, cogs=0.0):
         def rates(x, u, p):
-            return x[1], (u[0] - p[1] * x[1] - cogs * np.sin(2 * np.pi * x[0] / 24.0 + 0.6)) / p[0] - 9.0 * x[
-                0
-            ]
+            ripple = cogs * np.sin(2 * np.pi * x[0] / 24.0 + 0.6)
+            return x[1], (u[0] - p[1] * x[1] - ripple) / p[0] - 9.0 * x[0]
 
         return ODESimulator(
             rates,

@@ -127,8 +127,8 @@ class Effect:
         straight line closest to it rises.
     handed_on : callable, optional
         For a state that only follows an input, as all other equations have it, and for the output of a
-        controller among them; where the argument is a position, for what passes through a coupling. Like
-        ``force``, what is added to it there; compiled by numba.
+        controller among them; of what acts on no input, for what passes through a coupling. Like ``force``,
+        what is added to it there; compiled by numba.
     put_out : PutOut, optional
         For the output of a controller among the equations alone: what is only late there is the same before
         an actuator. How the effect is built has no meaning there.
