@@ -79,6 +79,7 @@ PLACES = {
     "bilinear_input": "state",
     "root_outflow": "state",
     "overflow": "state",
+    "spill": "state",
     "constant_load": "state",
     "delay": "input output",
     "lag": "input output",
@@ -320,6 +321,9 @@ class TestForces:
             ("overflow", [5.0], {"argument": 4.0, "own": 3.0}, 0.0),
             ("overflow", [5.0], {"argument": 5.0, "own": 3.0}, -3.0),
             ("overflow", [5.0], {"argument": 6.0, "own": -3.0}, 0.0),  # falls freely
+            ("spill", [2.0, 5.0, 1.5], {"argument": 9.0}, -16.0),
+            ("spill", [2.0, 5.0, 1.5], {"argument": 4.0, "own": 3.0}, 0.0),
+            ("spill", [2.0, 5.0, 0.5], {"argument": 5.01, "step": 1.0}, -0.01),  # down to the rim in a step
             ("linear_stiffness", [2.0, 0.5], {"argument": -2.0}, 5.0),
             ("cubic_stiffness", [2.0], {"argument": -2.0}, 16.0),
             ("quadratic_stiffness", [2.0], {"argument": -2.0}, -8.0),

@@ -281,7 +281,7 @@ class PlacedEffect:
     def name(self) -> Name:
         """What it is called at its place."""
         effect = self.effect
-        ordinary = Name(effect.code, effect.title, effect.sentence)
+        ordinary = Name(effect.form_of or effect.code, effect.title, effect.sentence)
         return (effect.in_coupling or ordinary) if self.is_on_sum else ordinary
 
     @property

@@ -64,7 +64,10 @@ class Settings:
 
 
 def read_effects(effects, exclude=()) -> tuple[Effect, ...]:
-    """Return the effects that may be missing: the catalogue, or those of a list of codes and own ones."""
+    """Return the effects that may be missing: the catalogue, or those of a list of codes and own ones.
+
+    With an effect of the catalogue go its other forms.
+    """
     if isinstance(effects, str):
         if effects != "catalogue":
             raise ValueError(f"effects must be 'catalogue' or a list of codes, got {effects!r}.")
@@ -72,12 +75,18 @@ def read_effects(effects, exclude=()) -> tuple[Effect, ...]:
     else:
         _check_list(effects, "effects", "'catalogue', or a list of codes or Effects")
     _check_list(exclude, "exclude", "a list of codes, empty for none")
-    chosen = [_entry(effect) for effect in effects]
-    left_out = {_entry(code).code for code in exclude}
-    chosen = [effect for effect in chosen if effect.code not in left_out]
+    left_out = {effect.code for effect in _with_forms(exclude)}
+    chosen = [effect for effect in _with_forms(effects) if effect.code not in left_out]
     if not chosen:
         raise ValueError("No effect is left to look for; exclude fewer, or pass effects='catalogue'.")
     return tuple(chosen)
+
+
+def _with_forms(codes: Iterable) -> list[Effect]:
+    """Return the entries and their other forms, each once."""
+    entries = [_entry(code) for code in codes]
+    forms = [form for entry in entries for form in CATALOGUE.values() if form.form_of == entry.code]
+    return list(dict.fromkeys([*entries, *forms]))
 
 
 def _entry(code) -> Effect:

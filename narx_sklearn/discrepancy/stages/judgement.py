@@ -210,7 +210,7 @@ def _alternatives(
                 model = start._replace(effects=(*others, single))
                 rivals.append(Candidate(fit(problem, model, iterations=FINE), best.n_samples))
         # the same effect at another place is a question of where, not of what
-        rivals = [c for c in rivals if effect.effect.code not in _replaced(c, kept)]
+        rivals = [c for c in rivals if effect.name.code not in _replaced(c, kept)]
         # what the catalogue warns of, or leaves hardly more, is fitted to the end before it is judged
         near = best.fit.cost + REFINES * (unexplained - best.fit.cost)
         rivals = [
@@ -224,5 +224,5 @@ def _alternatives(
 
 
 def _replaced(candidate: Candidate, kept: set) -> set[str]:
-    """Return the codes of the effects that are not among those kept."""
-    return {e.effect.code for e in candidate.effects if e.place not in kept}
+    """Return the names of the effects that are not among those kept."""
+    return {e.name.code for e in candidate.effects if e.place not in kept}

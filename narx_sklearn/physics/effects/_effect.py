@@ -216,6 +216,9 @@ class Effect:
         Codes of the effects that it becomes at an edge of its parameters.
     same_law : tuple of str
         Codes of the effects whose law it is too, under the name that it has in other machines.
+    form_of : str
+        Code of the effect of which it is another form, and whose code findings give; empty for none. Which of
+        the forms it is is no question of what is missing.
     in_coupling : Name, optional
         What it is called where two bodies are coupled by what passes through it, if that has another name.
     reach : int or None
@@ -304,6 +307,7 @@ class Effect:
     lookalikes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
     same_law: tuple[str, ...] = ()
+    form_of: str = ""
     in_coupling: Name | None = None
     reach: int | None = None
     power: Power | None = None

@@ -10,13 +10,14 @@ from narx_sklearn.physics.effects._curves import of_difference, of_level
 from narx_sklearn.physics.effects._effect import LACKING, Effect, EffectParameter, PutOut, Setting
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._series import by_pieces
-from narx_sklearn.physics.effects._starts import grid, quantiles, spread, telling
+from narx_sklearn.physics.effects._starts import DRY, grid, quantiles, scaled, spread, telling
 
 NARROW, BEGINNING, WIDE = 0.05, 0.1, 0.25  # widths of a knee, as shares of the signal's range
 BEYOND = (0.0, 0.25)  # of the range, that levels may lie beyond it and still bend it
 LEVELS_TRIED = 200  # on either side
 FELT = 0.01  # share of a first command that is lacking: of what is caught up in no time nothing has a slope
 ONE_WAY = 0.3  # by which a limit is tighter one way, and looser the other
+OVER_EDGE, FROM_ORIFICE_TO_NOTCH = 1.5, (0.4, 2.6)  # power of the head above a rim, and between which it is
 SLIM = 1e-4  # of the width: levels no further apart already give 2 w tanh((s - m)/(2 w))
 
 
@@ -225,6 +226,33 @@ def _overflow_starts(setting: Setting) -> np.ndarray:
     return grid(np.unique(quantiles(setting.argument, [0.7, 0.85, 0.95, 0.99, 0.999])))
 
 
+@kernel
+def _spill(argument, rate, own, second, time, step, z, theta, dz):
+    head = max(argument - theta[1], 0.0)
+    # near the rim one step takes no more than there is above it
+    return -min(theta[0] * head ** theta[2], head / step)
+
+
+def _spilt(level, rim, n):
+    return np.maximum(level - rim, 0.0) ** n
+
+
+def _above_rim(theta):
+    return ((theta[1], np.inf),)
+
+
+def _spill_starts(setting: Setting) -> np.ndarray:
+    if spread(setting.argument) == 0:
+        return np.empty((0, 3))
+    rows = grid([1.0], np.unique(quantiles(setting.argument, [0.2, 0.5, 0.7, 0.85, 0.95])), [OVER_EDGE])
+    return scaled(setting, rows, lambda row: _spilt(setting.argument, *row[1:]))
+
+
+def _spill_limits(setting: Setting) -> np.ndarray:
+    """Keep the rim where the level goes: below nearly all of it is an outlet, above it nothing spills."""
+    return np.array([[0.0, np.inf], quantiles(setting.argument, [DRY, 1.0]), FROM_ORIFICE_TO_NOTCH])
+
+
 def _above(now, before, level):
     return np.maximum(now - level, 0.0) * (now > before)
 
@@ -243,6 +271,10 @@ def _rate_limit_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
 
 def _overflow_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
     return of_difference("above_rim", _above, theta[:1], argument)
+
+
+def _spill_phi(theta, argument: str, dt: float) -> tuple[Phi, ...]:
+    return of_level("spilt", _spilt, theta[1:], argument)
 
 
 _AT_FIRST = "at first a share i of the command is lacking (below 0: it is more), all of it from rest at zero"
@@ -329,6 +361,30 @@ LIMITS = (
         separate_by="timing the fall after the flat top",
         source="Schoukens and Noel 2017, IFAC-PapersOnLine 50(1), sec. 4 (cascaded tanks)",
         phi=_overflow_phi,
+    ),
+    Effect(
+        code="spill",
+        form_of="overflow",
+        title="Overflow that rises with the level",
+        sentence="Above a rim it spills, the more the higher it stands.",
+        equation="-c max(x - h, 0)^n; n = 3/2 over an edge, 5/2 through a notch, 1/2 into a pipe, about 1 "
+        "past a relief valve",
+        parameters=(
+            EffectParameter("c", "{port}/({arg})^n", 0.0),
+            EffectParameter("h", "{arg}"),
+            EffectParameter("n", "-", *FROM_ORIFICE_TO_NOTCH),
+        ),
+        starts=_spill_starts,
+        limits=_spill_limits,
+        force=_spill,
+        acts_in=_above_rim,
+        onward=True,
+        met_on="levels",
+        lookalikes=("sensor_clip", "root_outflow", "clearance", "quadratic_stiffness"),
+        separate_by="timing the fall from above the rim",
+        source="Bos 1989, Discharge Measurement Structures, ILRI Publication 20 (weirs by the shape of their "
+        "control section)",
+        phi=_spill_phi,
     ),
     Effect(
         code="sensor_clip",

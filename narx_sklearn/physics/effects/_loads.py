@@ -7,6 +7,7 @@ from narx_sklearn.physics.effects._curves import of_difference, of_level
 from narx_sklearn.physics.effects._effect import Effect, EffectParameter, Power, Setting, at_least
 from narx_sklearn.physics.effects._kernel import kernel
 from narx_sklearn.physics.effects._starts import (
+    DRY,
     grid,
     in_proportion_to_second,
     lines_in_angle,
@@ -144,6 +145,12 @@ def _root_outflow_starts(setting: Setting) -> np.ndarray:
     return scaled(setting, rows, lambda row: _outflow_of_level(setting.argument, *row[1:]))
 
 
+def _root_outflow_limits(setting: Setting) -> np.ndarray:
+    """Keep the opening under the level nearly always: above one that is not it overflows."""
+    lowest = quantiles(setting.argument, [DRY])[0]
+    return at_least(3, 2, -lowest)
+
+
 @kernel
 def _bilinear_input(argument, rate, own, second, time, step, z, theta, dz):
     return theta[0] * (second - theta[2]) * (argument - theta[1])
@@ -275,6 +282,7 @@ LOADS = (
             EffectParameter("h0", "{arg}"),
         ),
         starts=_root_outflow_starts,
+        limits=_root_outflow_limits,
         force=_root_outflow,
         met_on="levels",
         lookalikes=("sensor_bias", "constant_load", "overflow"),

@@ -211,6 +211,8 @@ def _check_fields(effect: Effect) -> None:
         refuse(f"met_on must be one of {list(MET_ON)}, got {effect.met_on!r}.")
     if effect.met_at not in (None, "input", "output"):
         refuse(f"met_at must be None, 'input' or 'output', got {effect.met_at!r}.")
+    if effect.form_of and effect.form_of not in CATALOGUE:
+        refuse(f"form_of must be the code of an effect of the catalogue, or empty, got {effect.form_of!r}.")
     if effect.power is not None and not isinstance(effect.power, Power):
         refuse(f"power must be Power(exponent, odd) or None, got {effect.power!r}.")
     for name in ("levels", "references", "instants", "chosen", "spare"):

@@ -12,6 +12,7 @@ FLAT = 1e-6  # relative spread below which a signal counts as constant
 NEAR_ZERO = 0.01  # of the spread: stands for zero, since difference steps are shares of the value
 ELSEWHERE = 0.2  # of the spread: a mean nearer to zero than this is found by a fit that begins at zero
 TELLING = 1e-5  # of the spread, above rounding: the least that a change differs by from an offset and a gain
+DRY = 0.1  # share of the time that a level may stand below an outlet; what is above it longer is a rim
 ANGLE_BINS = 4096  # in the range of an angle: a hundred waves a turn still have forty bins each
 
 
