@@ -13,9 +13,11 @@ from narx_sklearn.discrepancy.search.bank import Bank, entered, make_bank
 from narx_sklearn.discrepancy.search.candidate import FINE, Candidate, odd, once_each
 from narx_sklearn.discrepancy.search.confirm import Trial, confirmed, is_of_a_sensor
 from narx_sklearn.discrepancy.search.detect import Detection, detect
+from narx_sklearn.discrepancy.search.draws import nearer_by_draws
 from narx_sklearn.discrepancy.search.hypotheses import Hypothesis
 from narx_sklearn.discrepancy.search.members import reordered, that_run, without_each, without_idle
 from narx_sklearn.discrepancy.search.ranking import Pair, gains, leaders, pairs, with_nearest
+from narx_sklearn.discrepancy.search.restricted import STEPPED
 from narx_sklearn.discrepancy.search.valleys import begins_in_sessions, may_lie_elsewhere, other_valleys
 from narx_sklearn.discrepancy.settings import Settings
 
@@ -219,10 +221,12 @@ def _from_other_valleys(problem: Problem, base: Fit, found: list[Candidate], n_j
 
     def settled(candidate: Candidate) -> Candidate:
         last = candidate.effects[-1]
-        elsewhere = may_lie_elsewhere(last) or begins_in_sessions(problem, last)
+        is_stepped = last.effect.code in STEPPED
+        elsewhere = is_stepped or may_lie_elsewhere(last) or begins_in_sessions(problem, last)
         if not (elsewhere and in_reach(candidate, found[0], base)):
             return candidate
-        other = Candidate(other_valleys(problem, candidate.fit), candidate.n_samples)
+        look = nearer_by_draws if is_stepped else other_valleys
+        other = Candidate(look(problem, candidate.fit), candidate.n_samples)
         return min(candidate, other, key=lambda c: c.criterion)
 
     return Parallel(n_jobs=n_jobs, prefer="threads")(delayed(settled)(c) for c in found)
