@@ -80,8 +80,9 @@ class _Draws(NamedTuple):
         for effect, own in zip(model.effects, model.theirs, strict=True):
             if effect.effect.code in STEPPED:
                 reading = run.y[problem.rows[problem.inside], effect.port.index]
-                n_steps = np.nanmax(np.abs(reading)) / np.array(effect.theta)
-                np.fill_diagonal(root[own, own], A_PART_OF_A_STEP * np.array(effect.theta) / n_steps)
+                (step,) = effect.theta
+                farthest = max(np.max(np.abs(reading), initial=step, where=np.isfinite(reading)), 1e-300)
+                root[own, own] = A_PART_OF_A_STEP * step * step / farthest
         moved = np.zeros((problem.windows.count, problem.rows.shape[1] * problem.y.shape[1], q.size))
         moved[:, :, there] = problem.parameter_sensitivity(plain.model, run, plain.steps)
         inverse = plain.projector.inverse
