@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from small_machines import make_axis, make_oscillator
 
 from narx_sklearn.discrepancy.fitting.problem import Model, Problem
 from narx_sklearn.discrepancy.fitting.refit import fit, fit_states
@@ -10,7 +11,6 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.draws import MOST_DRAWN, _Draws, nearer_by_draws
 from narx_sklearn.discrepancy.simulators.windows import cut
 from narx_sklearn.physics.effects import CATALOGUE
-from tests.small_machines import make_axis, make_oscillator
 
 NOISE, STEP = 0.001, 0.002
 

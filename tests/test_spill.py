@@ -8,8 +8,7 @@ import pytest
 
 from narx_sklearn import DiscrepancyRegressor, ODESimulator
 from narx_sklearn.discrepancy.settings import read_effects
-from narx_sklearn.physics.effects import CATALOGUE, register_effect
-from tests.test_effects import setting_of, wideband
+from narx_sklearn.physics.effects import CATALOGUE, Setting, register_effect
 
 RIM, OUTLET = 6.0, 0.06
 
@@ -30,6 +29,12 @@ def tank(gain, spilt=lambda head: 0.0, substeps=1):
         x0=[3.0],
         substeps=substeps,
     )
+
+
+def seen(level):
+    """What a record of a level shows of it."""
+    time = np.arange(level.size) * 2.0
+    return Setting(level, np.gradient(level, 2.0), level, None, time, 2.0, np.array([0]))
 
 
 @pytest.mark.parametrize(
@@ -67,15 +72,15 @@ def test_with_an_effect_go_its_other_forms():
 
 
 def test_an_outlet_lies_below_the_level_and_a_rim_within_its_way():
-    level = 5.0 + wideband()
+    level = 5.0 + np.sin(0.01 * np.arange(1200.0)) * np.sin(0.003 * np.arange(1200.0))
     lowest, highest = np.quantile(level, [0.1, 1.0])
-    of_outlet = CATALOGUE["root_outflow"].limits(setting_of(level))
+    of_outlet = CATALOGUE["root_outflow"].limits(seen(level))
     assert of_outlet[2].tolist() == [-lowest, np.inf]
-    assert CATALOGUE["spill"].limits(setting_of(level))[1].tolist() == [lowest, highest]
-    rims = CATALOGUE["spill"].starts(setting_of(level))[:, 1]
+    assert CATALOGUE["spill"].limits(seen(level))[1].tolist() == [lowest, highest]
+    rims = CATALOGUE["spill"].starts(seen(level))[:, 1]
     assert rims.size == 5
     assert ((lowest < rims) & (rims < highest)).all()
-    assert CATALOGUE["spill"].starts(setting_of(np.full(50, 3.0))).size == 0
+    assert CATALOGUE["spill"].starts(seen(np.full(50, 3.0))).size == 0
 
 
 def test_a_form_of_nothing_known_is_refused():
