@@ -352,30 +352,6 @@ def test_laws_foretell_the_other_half_and_stand_ins_do_not(rng, hidden, code, th
     assert are_foretelling(both, alone.model, told.model) is is_told
 
 
-@pytest.mark.parametrize(("hums", "kick"), [(True, 0.02), (False, 0.1)])
-def test_what_rings_at_random_is_no_line_in_time(rng, hums, kick):
-    """A machine that is hardly damped and shaken rings at its own frequency; one that hums goes on to."""
-    machine = make_oscillator(damping=0.2)
-    drive = np.repeat(rng.uniform(-1.0, 1.0, N // 20), 20)
-    shaken = drive + kick * rng.normal(size=N) / np.sqrt(DT) / 4.0
-    line = PlacedEffect(CATALOGUE["periodic_disturbance"], Port("state", 1), theta=(1.0, 4.47, 0.4))
-    y = machine.with_effects([line] if hums else []).simulate(shaken[:, None])
-    y = y + SIGMA * rng.normal(size=y.shape)
-    windows = cut([(slice(0, N), 0)], 500, 4)
-    problem = Problem(machine, drive[:, None], y, windows, Noise.white(np.array([SIGMA])))
-    x0 = np.column_stack([y[windows.first, 0], np.zeros(windows.count)])
-    alone = fit(problem, Model(machine.nominal, (), x0))
-    base, told = (
-        Candidate(one, problem.n_seen)
-        for one in (alone, fit(problem, alone.model._replace(effects=(line.at((0.1, 4.47, 0.4)),))))
-    )
-    assert told.fit.cost < base.fit.cost
-    found = Judgement("unknown", told, ((),), None)
-    assert diagnosis._names_foretell_nothing(problem, base, found) is not hums
-    assert not diagnosis._names_foretell_nothing(problem, base, found._replace(verdict="ambiguous"))
-    assert not diagnosis._names_foretell_nothing(problem, base, None)
-
-
 def test_one_window_foretells_nothing(rng):
     u, y = record(rng, 600, friction=0.3)
     simulator = make_oscillator()

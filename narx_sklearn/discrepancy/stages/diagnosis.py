@@ -55,7 +55,6 @@ from narx_sklearn.discrepancy.stages.coloured_search import (
     pool_of,
     steps_beside,
 )
-from narx_sklearn.discrepancy.stages.foretold import share_foretold
 from narx_sklearn.discrepancy.stages.in_sessions import sessions_of
 from narx_sklearn.discrepancy.stages.judgement import Judgement, judge, judged
 from narx_sklearn.discrepancy.stages.plain import (
@@ -664,8 +663,6 @@ def _unless_unforeseen(
         if not isinstance(problem.simulator, TwinSimulator):
             worth = that_pay(problem, worth, structure, level, settings.n_jobs)
         leading = which_leads(problem, seen, base, worth)
-        if leading is None and _names_foretell_nothing(problem, base, by_law):
-            leading = base, seen
         left = () if by_law is None else by_law.against_noise
         follows = any(sign.kind == "follows" for sign in left)  # what the laws leave follows a signal
         if leading is None:
@@ -679,18 +676,6 @@ def _unless_unforeseen(
     best = Candidate(beside, problem.n_seen)
     alternatives: tuple[tuple[Candidate, ...], ...] = ((),) * len(best.effects)
     return Judgement("unknown", best, alternatives, None, unforeseen=seen), p_missing
-
-
-def _names_foretell_nothing(problem: Problem, base: Candidate, said: Judgement | None) -> bool:
-    """Tell whether names that do not explain what is missing take nothing off where they were not fitted.
-
-    What shakes a machine makes it ring at its own frequency, for a while as a line in time would. What a twin
-    gets wrong of its simulator looks like that too.
-    """
-    if said is None or said.verdict != "unknown" or isinstance(problem.simulator, TwinSimulator):
-        return False
-    is_named = bool(said.best.effects) and not any(map(is_unnamed, said.best.effects))
-    return is_named and share_foretold(problem, base.fit.model, said.best.fit.model) < 0
 
 
 def _beside(
