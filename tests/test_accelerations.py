@@ -128,6 +128,7 @@ def test_what_looks_like_a_rate_by_chance_is_none():
     assert make(outputs=("position", "felt"))._felt
 
 
+@pytest.mark.long
 def test_friction_is_named_by_an_accelerometer_whose_equation_was_copied():
     rng = np.random.default_rng(1)
     u = pushed(rng, 3000)

@@ -49,6 +49,7 @@ def test_a_cart_that_is_shaken_has_no_drifting_sensor(shaken):
     assert ("drifting" in dx.report_) == (shaken > 0)
 
 
+@pytest.mark.long
 def test_a_sensor_that_warms_up_by_far_more_is_told():
     dx = diagnosed(*recording(warmed=0.05, seed=1))
     assert "drift on the output position" in dx.report_

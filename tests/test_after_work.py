@@ -89,6 +89,7 @@ def diagnosed(force, seed, noise=0.01, low=-1.0):
     return DiscrepancyRegressor(off, random_state=0).fit(u, y + noise * rng.standard_normal(u.size))
 
 
+@pytest.mark.long
 def test_a_paste_that_is_stirred_thin_is_a_law_without_a_name():
     """Thixotropy: a structure that shear breaks down and rest builds up (Moore 1959)."""
     c, recovery, broken = 0.8, 6.0, 0.1  # 1/s, s, 1/rad

@@ -96,6 +96,7 @@ def test_a_command_that_stays_is_not_asked_about():
     assert in_straight_lines(problem, begun(problem), []) is None
 
 
+@pytest.mark.long
 def test_what_came_half_a_sample_late_is_no_physics():
     """Nothing is missing: held inputs looked like it."""
     rng = np.random.default_rng(4)

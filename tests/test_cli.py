@@ -987,6 +987,7 @@ def test_words_and_numbers_are_told_before_a_report_that_fails(bench, tmp_path, 
     assert not (tmp_path / "a.html").exists()
 
 
+@pytest.mark.long
 def test_a_report_is_written_where_no_experiment_can_be_proposed(bench, tmp_path, monkeypatch):
     def lost(*_):
         raise ValueError("In 500 samples a simulation is lost.")

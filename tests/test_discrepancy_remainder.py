@@ -397,6 +397,7 @@ def diagnosed():
     return DiscrepancyRegressor(nominal, effects=effects, max_effects=1, n_leaders=2).fit(u, y), u, y
 
 
+@pytest.mark.long
 class TestDiagnosis:
     def test_what_has_no_name_is_unknown_at_its_port(self, diagnosed):
         dx, _, _ = diagnosed

@@ -104,6 +104,7 @@ def test_an_amplifier_follows_its_input_by_a_gain():
     assert structure_of(make(paced_by_others)).handed_on == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [0.0, 2.0])
 def test_a_stack_with_many_plays_behind_its_amplifier_is_told_there(step):
     """Its hysteresis, of plays with weights of their own, is no hysteresis of the command.

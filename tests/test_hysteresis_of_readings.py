@@ -91,6 +91,7 @@ def test_a_loop_of_plett_is_one_of_bouc_and_wen_on_the_way_of_the_charge():
     np.testing.assert_allclose(added, loop_of(u), atol=0.02 * LOOP)
 
 
+@pytest.mark.long
 def test_it_is_named_and_the_parameters_come_out_right():
     u = current(3000)
     y = make().simulate(u)[:, 0] + loop_of(u) + 0.002 * np.random.default_rng(2).standard_normal(u.size)

@@ -74,6 +74,7 @@ def motor(back=0.08, feels=0.0, pick_up=0.0, **changed):
     )
 
 
+@pytest.mark.long
 def test_a_spring_that_was_left_out_is_told_with_its_rest():
     rng = np.random.default_rng(0)
     found = told(
@@ -86,6 +87,7 @@ def test_a_spring_that_was_left_out_is_told_with_its_rest():
     assert found.parameters_.loc["mass", "augmented"] == pytest.approx(1.5, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_loss_of_heat_that_was_left_out_is_no_body_that_follows():
     rng = np.random.default_rng(1)
     nominal = bodies(C1=1000.0, k=1.7, C2=2300.0, lost=0.9)
@@ -98,6 +100,7 @@ def test_a_loss_of_heat_that_was_left_out_is_no_body_that_follows():
     assert found.parameters_.loc["k", "augmented"] == pytest.approx(2.0, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_state_may_drive_another_whose_equation_does_not_say_so():
     rng = np.random.default_rng(2)
     nominal = motor(back=0.0, J=2.3e-3, b=1.2e-3, R=1.0, L=7e-3)
@@ -108,6 +111,7 @@ def test_a_state_may_drive_another_whose_equation_does_not_say_so():
     assert found.scores_.loc["augmented", "nrmse"] < 0.02
 
 
+@pytest.mark.long
 def test_a_sensor_may_show_a_part_of_another_signal():
     rng = np.random.default_rng(3)
     nominal = motor(J=2.3e-3, K=0.07, b=1.2e-3, R=1.0, L=7e-3)
@@ -118,6 +122,7 @@ def test_a_sensor_may_show_a_part_of_another_signal():
     assert found.parameters_.loc["R", "augmented"] == pytest.approx(1.2, rel=0.01)
 
 
+@pytest.mark.long
 def test_what_wind_does_goes_by_its_square():
     def blown(drag, mass=1.5, rubs=3.0, spring=40.0):
         def rates(x, u, p):
@@ -163,6 +168,7 @@ def room(share=0.0, **changed):
     )
 
 
+@pytest.mark.long
 def test_a_sensor_may_sit_between_two_places_of_which_nothing_shows_one():
     rng = np.random.default_rng(5)
     u = np.column_stack([levels(rng, 3000, 80, 0.0, 20.0), levels(rng, 3000, 400, -5.0, 10.0)])

@@ -68,6 +68,7 @@ def finding_of(dx):
     return {finding.code: finding for finding in dx.data_findings_}.get("sessions")
 
 
+@pytest.mark.long
 class TestAnotherPayloadInEachSession:
     def test_no_physics_is_sold_for_it(self, payloads):
         assert (payloads.verdict_, payloads.findings_) == ("refit", [])

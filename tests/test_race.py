@@ -121,6 +121,7 @@ def test_a_surface_without_a_name_fits_as_well_as_the_name(hardening):
     assert alone[0].fit.cost > found[0].fit.cost
 
 
+@pytest.mark.long
 def test_laws_that_stay_behind_the_right_name_are_not_fitted_to_the_end(hardening, monkeypatch):
     problem, base, _, structure = hardening
     named = Candidate(fit(problem, base.model._replace(effects=(CUBIC,))), problem.n_seen)

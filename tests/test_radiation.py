@@ -88,9 +88,8 @@ def test_it_goes_from_hot_to_cold_and_its_slope_at_300_kelvin_is_its_coefficient
     assert slope == pytest.approx(-EMITS, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("unit", "effects"), [("degC", FEW), pytest.param("K", None, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("unit", "effects"), [("degC", FEW), ("K", None)])
 def test_a_plate_that_radiates_to_the_sky_is_told_with_its_parameters(unit, effects):
     u, y = recorded(np.random.default_rng(1))
     if unit == "degC":

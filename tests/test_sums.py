@@ -580,20 +580,14 @@ def diagnosed(put_out, tracking=0.0):
     return DiscrepancyRegressor(make(), random_state=0).fit(u, y)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "put_out", "told"),
     [
         ("input_saturation", lambda v: min(max(v, -24.0), 24.0), {"low": -24.0 / KI, "high": 24.0 / KI}),
-        pytest.param(
-            "dead_zone", lambda v: v - min(max(v, -3.0), 3.0), {"d": 3.0 / KI}, marks=pytest.mark.long
-        ),
-        pytest.param("rate_limit", limited(250.0), {"r": 250.0 / KI}, marks=pytest.mark.long),
-        pytest.param(
-            "asymmetric_rate_limit",
-            limited(250.0, -0.3),
-            {"r": 250.0 / KI, "a": -0.3},
-            marks=pytest.mark.long,
-        ),
+        ("dead_zone", lambda v: v - min(max(v, -3.0), 3.0), {"d": 3.0 / KI}),
+        ("rate_limit", limited(250.0), {"r": 250.0 / KI}),
+        ("asymmetric_rate_limit", limited(250.0, -0.3), {"r": 250.0 / KI, "a": -0.3}),
     ],
 )
 def test_it_is_named_behind_the_controller(effect, put_out, told):

@@ -177,6 +177,7 @@ def test_it_is_named_with_its_time(found):
     assert scores["augmented"] < 0.8 * scores["refitted"]
 
 
+@pytest.mark.long
 def test_the_corrected_simulation_holds_it_at_its_time(found, record):
     u, y = record
     again = pickle.loads(pickle.dumps(found))

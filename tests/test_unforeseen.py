@@ -202,8 +202,10 @@ def test_sensors_that_walk_off_each_in_its_own_way_are_no_force(seed, walk):
     assert look_for_unforeseen(problem, found.model, structure).p_value > LEVEL
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("walk", [0.0, 0.6])
+@pytest.mark.parametrize(
+    ("seed", "walk"),
+    [(1, 0.0), *(pytest.param(*draw, marks=pytest.mark.long) for draw in [(2, 0.0), (1, 0.6), (2, 0.6)])],
+)
 def test_a_load_is_found_that_a_refit_takes_into_its_parameters(seed, walk):
     problem, found, structure = fitted_heater(seed, walk=walk, load=1.0)
     seen = look_for_unforeseen(problem, found.model, structure)
@@ -436,6 +438,7 @@ def test_the_report_draws_its_course(dropping_out, tmp_path):
     assert "its course, two standard errors to either side" in text
 
 
+@pytest.mark.long
 def test_what_acts_beside_a_name_is_told_and_the_name_fitted_beside_it(rng):
     """Its load, taken for noise of a colour, bends the friction to 0.62, 0.604 to 0.642."""
     u, y = record(rng, friction=0.6, load=wandering(rng, 40, 0.08))
@@ -452,6 +455,7 @@ def test_what_acts_beside_a_name_is_told_and_the_name_fitted_beside_it(rng):
     assert dx.noise_["position [m]"]["deviation"] == pytest.approx(SIGMA, rel=0.1)  # the sensor's alone
 
 
+@pytest.mark.long
 def test_a_name_that_stands_in_for_what_acts_beside_another_is_not_told(rng):
     """A gain that drifts stood beside the friction; what wanders says more than either, and goes first."""
     u, y = record(rng, friction=0.3, load=wandering(rng, 40, 0.15))
