@@ -1,5 +1,6 @@
 """Sessions that were recorded with other parameters: told as such, and not as physics."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from narx_sklearn.discrepancy.placed import PlacedEffect, Port
 from narx_sklearn.discrepancy.search.candidate import Candidate
 from narx_sklearn.discrepancy.settings import Settings
 from narx_sklearn.discrepancy.simulators.windows import cut
+from narx_sklearn.discrepancy.stages import diagnosis
 from narx_sklearn.discrepancy.stages.apart import differs
 from narx_sklearn.discrepancy.stages.diagnosis import _apart_beside_names, _missed_in_each
 from narx_sklearn.physics.effects import CATALOGUE
@@ -132,6 +134,27 @@ class TestOneParameterInEachSession:
         assert errors["by session"] < 0.02
         assert errors["augmented"] > 10 * errors["by session"]
         assert "   by session 1" in springs.report_
+
+    @pytest.mark.parametrize(("verdict", "looked_at"), [("refit", 3), ("unknown", 1)])
+    def test_sessions_are_looked_at_while_they_can_change_what_is_said(
+        self, springs, monkeypatch, verdict, looked_at
+    ):
+        """One that misses what has no name ends it: they are not all there is, nor is a name in all."""
+        apart = springs.conclusion_.diagnosis
+        missing = replace(apart, verdict="unknown", apart=())
+        asked = []
+
+        def of_session(simulator, u, y, pieces, settings):
+            asked.append([began for _, began in pieces])
+            return replace(missing, verdict=verdict)
+
+        monkeypatch.setattr(diagnosis, "_diagnosed_if_it_runs", of_session)
+        pieces = [(slice(N * i, N * (i + 1)), N * i) for i in range(3)]
+        settings = Settings((), 0.005, 2, 4, None, 0, None, lambda stage: None)
+        said = diagnosis._unless_apart(missing, np.zeros(0), np.zeros(0), pieces, settings)
+        assert len(asked) == looked_at
+        assert said.verdict == verdict
+        assert len(said.apart) == 3
 
     def test_a_session_that_was_held_out_as_a_whole_has_those_of_all(self, springs):
         conclusion = springs.conclusion_

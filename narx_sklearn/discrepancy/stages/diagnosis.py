@@ -316,15 +316,17 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
     if not (leave_less or beside_names):
         return found
     settings.tell("again, session by session")
-    of_each = [
-        _diagnosed_if_it_runs(
-            problem.simulator, u, y, [piece for piece in pieces if piece[1] == began], settings
-        )
-        for began in began_of(problem)
-    ]
-    alone = [one for one in of_each if one is not None]
-    if len(alone) < len(of_each):
-        return found
+    alone: list[Diagnosis] = []
+    for began in began_of(problem):
+        of_session = [piece for piece in pieces if piece[1] == began]
+        one = _diagnosed_if_it_runs(problem.simulator, u, y, of_session, settings)
+        if one is None:
+            return found
+        alone.append(one)
+        have_no_name_in_common = not all(each.is_named for each in alone)
+        is_more_missing = any(each.verdict not in NOTHING_MISSING for each in alone)
+        if have_no_name_in_common and (beside_names or is_more_missing):
+            break  # other sessions would not change what is said
     all_of_it = Part(problem, found.best.fit)
     telling, missed = _missed_in_each(alone)
     if missed:
@@ -332,7 +334,7 @@ def _unless_apart(found: Diagnosis, u: np.ndarray, y: np.ndarray, pieces, settin
         return replace(telling, apart=parts, missed_in_each=missed, together=all_of_it)
     if beside_names:
         return replace(found, apart=beside_names.parts, together=all_of_it)
-    if any(one.verdict not in NOTHING_MISSING for one in alone):
+    if is_more_missing:
         return found if found.is_named else replace(found, apart=apart.parts)
     parts = tuple(Part(one.problem, one.refitted) for one in alone)
     return replace(
